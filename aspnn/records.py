@@ -1,0 +1,323 @@
+"""The records that pass between stages: a voyage's log and its states, as tables with metadata, and their files.
+
+A record is one Parquet file (or CSV with one `# {json}` line first). Metadata travel inside the file. Files are written
+beside their place and moved there when whole, so a killed run leaves no half file.
+"""
+
+import contextlib
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from aspnn import schema
+from aspnn.frames import Zone
+from aspnn.schema import InputError
+from aspnn.vessel import Vessel, from_dict
+
+KEY = b"aspnn"
+
+
+@dataclass(frozen=True)
+class Log:
+    """Sensor records of one voyage: `table` with columns of schema.LOG, one row per sensor epoch.
+
+    `zone` is None for local north-east positions. `voyage` names what must never be split between training and test.
+    `notes` holds what an importer dropped, gated or derived.
+    """
+
+    table: pd.DataFrame
+    vessel: Vessel
+    zone: Zone | None = None
+    start: str = ""  # UTC, ISO 8601
+    source: str = ""
+    voyage: str = ""
+    notes: dict[str, Any] = field(default_factory=dict)
+    path: str = ""
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+
+@dataclass(frozen=True)
+class States:
+    """Navigation states of one voyage: `table` with columns of schema.STATES, one row per epoch.
+
+    `smoothed` states know the future: they serve as training labels and as the reference path of an evaluation, never as
+    an input of a prediction.
+    """
+
+    table: pd.DataFrame
+    vessel: Vessel
+    zone: Zone | None = None
+    start: str = ""
+    source: str = ""
+    voyage: str = ""
+    smoothed: bool = False
+    path: str = ""
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        """One column as a float64 array; `states["surge_m_s"]`."""
+        return self.table[column].to_numpy(dtype=float)
+
+    def until(self, time: float) -> "States":
+        """The states known at `time` [s]: everything up to and including it."""
+        from dataclasses import replace
+
+        rows = int(np.searchsorted(self["time_s"], time + 1e-9, side="right"))
+        if rows == 0:
+            raise InputError(
+                f"{self.path or 'states'}: nothing is known at {time:g} s, the first state is at {self['time_s'][0]:g} s"
+            )
+        return replace(self, table=self.table.iloc[:rows])
+
+
+@contextlib.contextmanager
+def atomic(path: str | Path):
+    """A temporary path beside `path` that replaces it when the block ends well, and vanishes when it does not."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
+    os.close(handle)
+    umask = os.umask(0)
+    os.umask(umask)
+    try:
+        yield Path(name)
+        os.chmod(name, 0o666 & ~umask)
+        os.replace(name, path)
+    except BaseException:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(name)
+        raise
+
+
+def sha256(path: str | Path) -> str:
+    """SHA-256 of a file, hexadecimal."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def write_table(table: pd.DataFrame, path: str | Path, metadata: dict[str, Any]) -> None:
+    """Write a table with its metadata, as Parquet or (by the ending) CSV, whole or not at all."""
+    path = Path(path)
+    with atomic(path) as temporary:
+        if path.suffix == ".csv":
+            with open(temporary, "w") as file:
+                file.write(f"# {json.dumps(metadata)}\n")
+                table.to_csv(file, index=False)
+        else:
+            data = pa.Table.from_pandas(table, preserve_index=False)
+            data = data.replace_schema_metadata({KEY: json.dumps(metadata).encode()})
+            pq.write_table(data, temporary, compression="zstd")
+
+
+def read_table(path: str | Path) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """A table and its metadata ({} where a file has none). Raises InputError naming the file."""
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    if path.stat().st_size == 0:
+        raise InputError(f"{path}: the file is empty; write it again")
+    try:
+        if path.suffix == ".csv":
+            with open(path) as file:
+                first = file.readline()
+            metadata = json.loads(first[1:]) if first.startswith("#") else {}
+            return pd.read_csv(path, comment="#"), metadata
+        data = pq.read_table(path)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(
+            f"{path}: cannot be read, it is damaged or of another format ({reason}); write it again"
+        ) from None
+    return data.to_pandas(), json.loads((data.schema.metadata or {}).get(KEY, b"{}"))
+
+
+def _metadata(record: Log | States, kind: str) -> dict[str, Any]:
+    return {
+        "kind": kind,
+        "format": 1,
+        "vessel": record.vessel.to_dict(),
+        "zone": None if record.zone is None else str(record.zone),
+        "start": record.start,
+        "source": record.source,
+        "voyage": record.voyage,
+    }
+
+
+def write_log(log: Log, path: str | Path) -> None:
+    """Write a log as Parquet or CSV (by the ending), atomically."""
+    write_table(log.table, path, {**_metadata(log, "log"), "notes": log.notes})
+
+
+def write_states(states: States, path: str | Path) -> None:
+    """Write states as Parquet or CSV (by the ending), atomically."""
+    write_table(states.table, path, {**_metadata(states, "states"), "smoothed": states.smoothed})
+
+
+def _head(path: Path, kind: str) -> tuple[pd.DataFrame, dict[str, Any], dict[str, Any]]:
+    table, metadata = read_table(path)
+    if "vessel" not in metadata:
+        raise InputError(
+            f"{path}: has no metadata of a {kind}; bring it in with `aspnn import csv {path} --map MAP.toml`"
+        )
+    if metadata.get("kind") != kind:
+        raise InputError(f"{path}: holds {metadata.get('kind')}, expected {kind}")
+    zone = metadata.get("zone")
+    shared = {
+        "vessel": from_dict(metadata["vessel"], str(path)),
+        "zone": Zone.parse(zone) if zone else None,
+        "start": metadata.get("start", ""),
+        "source": metadata.get("source", ""),
+        "voyage": metadata.get("voyage") or path.stem,
+        "path": str(path),
+    }
+    return table, metadata, shared
+
+
+def read_log(path: str | Path) -> Log:
+    """Read and check a canonical log. Raises InputError naming file, row and column of the first thing that is wrong."""
+    path = Path(path)
+    table, metadata, shared = _head(path, "log")
+    log = Log(table=table, notes=metadata.get("notes", {}), **shared)
+    check_log(log, str(path))
+    return log
+
+
+def read_states(path: str | Path) -> States:
+    """Read states written by `write_states`. Raises InputError naming the file."""
+    path = Path(path)
+    table, metadata, shared = _head(path, "states")
+    schema.check(table, schema.STATES, str(path))
+    return States(table=table, smoothed=bool(metadata.get("smoothed")), **shared)
+
+
+def read_truth(log: Log) -> pd.DataFrame | None:
+    """The truth written beside a simulated log (`X.truth.parquet`), or None where there is none."""
+    path = Path(log.path).with_suffix("").with_suffix(".truth.parquet") if log.path else None
+    if path is None or not path.exists():
+        return None
+    table, _ = read_table(path)
+    schema.check(table, schema.TRUTH, str(path))
+    return table
+
+
+def log_files(sources: Iterable[str | Path]) -> list[Path]:
+    """Canonical log files among files and folders, sorted; truth files are never logs. Raises InputError if none."""
+    found: list[Path] = []
+    for source in map(Path, sources):
+        if source.is_dir():
+            inside = sorted(
+                p for p in source.rglob("*") if p.suffix in (".parquet", ".csv") and not p.name.startswith(".")
+            )
+            inside = [p for p in inside if not p.name.endswith((".truth.parquet", ".states.parquet"))]
+            if not inside:
+                raise InputError(f"{source}: holds no log (.parquet or .csv)")
+            found += inside
+        elif not source.exists():
+            raise InputError(f"{source}: no such file or folder")
+        else:
+            found.append(source)
+    if not found:
+        raise InputError("no log was given")
+    return found
+
+
+LIMITS: dict[str, tuple[float, float]] = {
+    "latitude_deg": (-90, 90),
+    "longitude_deg": (-180, 360),
+    "heading_deg": (-360, 720),
+    "yaw_rate_deg_s": (-60, 60),
+    "roll_deg": (-180, 180),
+    "pitch_deg": (-90, 90),
+    "acceleration_surge_m_s2": (-30, 30),
+    "acceleration_sway_m_s2": (-30, 30),
+    "rudder_order_deg": (-90, 90),
+    "rudder_angle_deg": (-90, 90),
+    "engine_order_rps": (-100, 100),
+    "shaft_speed_rps": (-100, 100),
+    "speed_over_ground_m_s": (0, 60),
+    "wind_speed_true_m_s": (0, 100),
+    "wind_from_true_deg": (-360, 720),
+}
+
+
+def check_log(log: Log, where: str = "log") -> None:
+    """Hold a log to its contract: columns, numbers, rising time, values a ship can have, positions it can reach.
+
+    Raises InputError that names `where`, the row (counted from 0, as the table counts), time, column and the remedy.
+    """
+    table = log.table
+    schema.check(table, schema.LOG, where)
+    if len(table) < 2:
+        raise InputError(f"{where}: holds {len(table)} rows, at least 2 are needed")
+    for name in table.columns:
+        if not pd.api.types.is_numeric_dtype(table[name]):
+            bad = pd.to_numeric(table[name], errors="coerce").isna() & table[name].notna()
+            row = int(np.argmax(bad.to_numpy()))
+            raise InputError(f"{where}: row {row}, column {name}: {table[name].iloc[row]!r} is not a number")
+    time = table["time_s"].to_numpy(float)
+    _first(where, table, "time_s", ~np.isfinite(time), lambda row: "time is missing; drop the row")
+    steps = np.diff(time, prepend=time[0] - 1.0)
+    _first(
+        where,
+        table,
+        "time_s",
+        steps < 0,
+        lambda row: f"time runs back by {-steps[row]:g} s; sort the rows or cut the log there",
+    )
+    _first(where, table, "time_s", steps == 0, lambda row: "the epoch stands twice; drop one of the two rows")
+    for name in table.columns:
+        low, high = LIMITS.get(re_ending(name), (-np.inf, np.inf))
+        value = table[name].to_numpy(float)
+        _first(
+            where, table, name, np.isinf(value), lambda row: "is infinite; leave it empty where a sensor has no value"
+        )
+        outside = (value < low) | (value > high)
+        problem = f"is outside {low:g} to {high:g}; check the unit"
+        _first(where, table, name, outside, lambda row, v=value, p=problem: f"{v[row]:g} {p}")  # type: ignore[misc]
+    names = schema.antennas(table.columns)
+    if not names:
+        raise InputError(
+            f"{where}: no antenna has a position; columns NAME_latitude_deg and NAME_longitude_deg, or NAME_north_m and NAME_east_m, are needed"
+        )
+    for antenna in names:
+        geodetic = f"{antenna}_latitude_deg" in table
+        pair = f"{antenna}_longitude_deg" if geodetic else f"{antenna}_east_m"
+        if pair not in table:
+            raise InputError(
+                f"{where}: column {pair} is missing beside {antenna}_{'latitude_deg' if geodetic else 'north_m'}"
+            )
+        if geodetic and log.zone is None:
+            raise InputError(f'{where}: the log has latitudes but no UTM zone; name it when importing (zone = "33N")')
+        if antenna not in log.vessel.stations:
+            raise InputError(
+                f"{where}: antenna {antenna} has no station in the vessel; add stations_m.{antenna} = [x, y]"
+            )
+
+
+def re_ending(column: str) -> str:
+    """The part of an antenna's column that its limits go by (`bow_latitude_deg` -> `latitude_deg`)."""
+    for ending in ("latitude_deg", "longitude_deg"):
+        if column.endswith(f"_{ending}"):
+            return ending
+    return column
+
+
+def _first(where: str, table: pd.DataFrame, column: str, bad: np.ndarray, say: Callable[[int], str]) -> None:
+    """Raise InputError for the first row where `bad` is true."""
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise InputError(f"{where}: row {row} (time {table['time_s'].iloc[row]:g} s), column {column}: {say(row)}")

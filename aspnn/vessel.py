@@ -1,0 +1,228 @@
+"""Vessels: dimensions, stations, rudder limits, hull outline and the noise a filter should expect.
+
+A vessel is data: one JSON file per vessel, with a source for every number (`sources`, by key). Files of the package lie
+in `aspnn/vessels/`; a user's own file is named by its path.
+"""
+
+import json
+import math
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aspnn.schema import InputError
+
+FOLDER = Path(__file__).parent / "vessels"
+KEYS = (
+    "name",
+    "title",
+    "dimensions",
+    "stations_m",
+    "rudder",
+    "service",
+    "sensors",
+    "process",
+    "mmg",
+    "wind",
+    "sources",
+)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of the sensors and spectral densities of the process noise, in SI and radians.
+
+    Densities are those of white noise on the highest derivative: jerk along each body axis [m2/s5] and the derivative of
+    the yaw acceleration [rad2/s5].
+    """
+
+    position: float = 1.0
+    heading: float = math.radians(0.5)
+    yaw_rate: float = math.radians(0.01)
+    acceleration: float = 0.01
+    jerk_density: float = 1e-6
+    yaw_jerk_density: float = 2e-8
+
+
+@dataclass(frozen=True)
+class Vessel:
+    """What the predictor knows of a ship. Lengths in metres, angles in radians, stations in body axes from midship.
+
+    `stations` maps a name (`bow`, `stern`, `imu`, antennas) to (x forward, y starboard). `sway_stations` are the two
+    places whose sway is predicted. `mmg` and `wind` are the raw parameter sets of the simulator, or None.
+    """
+
+    name: str
+    length: float  # overall; the region map and the outline use it
+    beam: float
+    draught: float
+    rudder_max: float
+    rudder_rate: float
+    service_speed: float
+    stations: dict[str, tuple[float, float]] = field(default_factory=dict)
+    noise: Noise = Noise()
+    title: str = ""
+    mmg: dict[str, Any] | None = None
+    wind: dict[str, Any] | None = None
+    sources: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def sway_stations(self) -> tuple[float, float]:
+        """x of the bow and the stern station [m], forward positive."""
+        return self.stations["bow"][0], self.stations["stern"][0]
+
+    def outline(self) -> np.ndarray:
+        """Hull outline in body axes, (n, 2) as (x forward, y starboard) [m], closed, bow first.
+
+        A generic merchant waterplane: parallel sides, a bow rounded over the first 20 % and a transom of 70 % of the beam.
+        """
+        x = np.array([0.5, 0.46, 0.40, 0.30, -0.42, -0.5])
+        y = np.array([0.0, 0.22, 0.38, 0.5, 0.5, 0.35])
+        port = np.column_stack([x[:0:-1], -y[:0:-1]])
+        return np.concatenate([np.column_stack([x, y]), port, [[0.5, 0.0]]]) * [self.length, self.beam]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The vessel as the plain data of a vessel file; `from_dict` reads it back unchanged."""
+        n = self.noise
+        data: dict[str, Any] = {
+            "name": self.name,
+            "title": self.title,
+            "dimensions": {"length_overall_m": self.length, "beam_m": self.beam, "draught_m": self.draught},
+            "stations_m": {name: list(place) for name, place in self.stations.items()},
+            "rudder": {"max_deg": math.degrees(self.rudder_max), "rate_deg_s": math.degrees(self.rudder_rate)},
+            "service": {"speed_m_s": self.service_speed},
+            "sensors": {
+                "position_m": n.position,
+                "heading_deg": math.degrees(n.heading),
+                "yaw_rate_deg_s": math.degrees(n.yaw_rate),
+                "acceleration_m_s2": n.acceleration,
+            },
+            "process": {"jerk_density_m2_s5": n.jerk_density, "yaw_jerk_density_rad2_s5": n.yaw_jerk_density},
+            "sources": dict(self.sources),
+        }
+        for key, part in (("mmg", self.mmg), ("wind", self.wind)):
+            if part is not None:
+                data[key] = part
+        return data
+
+    def with_stations(self, **stations: tuple[float, float]) -> "Vessel":
+        """The same vessel with some stations added or replaced (an importer's antennas)."""
+        return replace(self, stations={**self.stations, **stations})
+
+
+def scaled_noise(length: float) -> Noise:
+    """Noise densities for a vessel nobody has tuned: those of the 90 m cargo ship, scaled by Froude similarity.
+
+    Accelerations are alike at every scale and time goes with sqrt(length), so the jerk density [(m/s2)2/s] goes with
+    length^-1/2 and the yaw-jerk density [(rad/s2)2/s] with length^-5/2.
+    """
+    reference, ratio = Noise(), length / 90.0
+    return replace(
+        reference,
+        jerk_density=reference.jerk_density * ratio**-0.5,
+        yaw_jerk_density=reference.yaw_jerk_density * ratio**-2.5,
+    )
+
+
+def from_dict(data: dict[str, Any], where: str = "vessel") -> Vessel:
+    """Vessel from the plain data of a vessel file. Raises InputError that names `where` and the key."""
+
+    def number(section: str, key: str, low: float = 0.0, high: float = 1e4) -> float:
+        try:
+            value = float(data[section][key])
+        except (KeyError, TypeError, ValueError):
+            raise InputError(f"{where}: {section}.{key} is missing or not a number") from None
+        if not low < value < high:
+            raise InputError(f"{where}: {section}.{key} = {value:g} is outside {low:g} to {high:g}")
+        return value
+
+    for key in data:
+        if key not in KEYS:
+            near = get_close_matches(key, KEYS, 1)
+            raise InputError(f"{where}: key {key} is not known{f', did you mean {near[0]}?' if near else ''}")
+    if "name" not in data:
+        raise InputError(f"{where}: key name is missing")
+    length = number("dimensions", "length_overall_m")
+    try:
+        stations = {str(k): (float(v[0]), float(v[1])) for k, v in data.get("stations_m", {}).items()}
+    except (TypeError, ValueError, IndexError):
+        raise InputError(f"{where}: stations_m must map each name to [x forward, y starboard] in metres") from None
+    stations = {
+        "bow": (0.4 * length, 0.0),
+        "stern": (-0.4 * length, 0.0),
+        "imu": (0.0, 0.0),
+        "midship": (0.0, 0.0),
+    } | stations
+    if stations["bow"][0] - stations["stern"][0] < 0.1 * length:
+        raise InputError(
+            f"{where}: stations_m bow and stern lie {stations['bow'][0] - stations['stern'][0]:g} m apart; sway needs at least {0.1 * length:g} m"
+        )
+    default = scaled_noise(length)
+    sensors, process = data.get("sensors", {}), data.get("process", {})
+    known = {
+        "position_m",
+        "heading_deg",
+        "yaw_rate_deg_s",
+        "acceleration_m_s2",
+        "jerk_density_m2_s5",
+        "yaw_jerk_density_rad2_s5",
+    }
+    for key, value in (*sensors.items(), *process.items()):
+        if key not in known:
+            raise InputError(f"{where}: {key} is not a known noise (known: {', '.join(sorted(known))})")
+        if not (isinstance(value, int | float) and 0 < value < math.inf):
+            raise InputError(f"{where}: {key} = {value} must be a positive number")
+    noise = Noise(
+        position=sensors.get("position_m", default.position),
+        heading=math.radians(sensors["heading_deg"]) if "heading_deg" in sensors else default.heading,
+        yaw_rate=math.radians(sensors["yaw_rate_deg_s"]) if "yaw_rate_deg_s" in sensors else default.yaw_rate,
+        acceleration=sensors.get("acceleration_m_s2", default.acceleration),
+        jerk_density=process.get("jerk_density_m2_s5", default.jerk_density),
+        yaw_jerk_density=process.get("yaw_jerk_density_rad2_s5", default.yaw_jerk_density),
+    )
+    return Vessel(
+        name=str(data["name"]),
+        title=str(data.get("title", "")),
+        length=length,
+        beam=number("dimensions", "beam_m"),
+        draught=number("dimensions", "draught_m"),
+        rudder_max=math.radians(number("rudder", "max_deg", 0, 90)),
+        rudder_rate=math.radians(number("rudder", "rate_deg_s", 0, 400)),
+        service_speed=number("service", "speed_m_s", 0, 60),
+        stations=stations,
+        noise=noise,
+        mmg=data.get("mmg"),
+        wind=data.get("wind"),
+        sources=data.get("sources", {}),
+    )
+
+
+def load_vessel(name: str | Path) -> Vessel:
+    """Vessel by the name of a packaged file (`cargo90`) or by the path of a user's own JSON file.
+
+    Raises InputError when there is no such vessel, or naming file and key when its data are wrong.
+    """
+    path = Path(name)
+    if path.suffix != ".json":
+        path = FOLDER / f"{name}.json"
+        if not path.exists():
+            raise InputError(
+                f"vessel {name} is not known; have {', '.join(vessels())}, or give the path of a .json file"
+            )
+    try:
+        data = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not JSON ({error})") from None
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: a vessel file holds one JSON object")
+    return from_dict(data, str(path) if path.parent != FOLDER else f"{name}.json")
+
+
+def vessels() -> list[str]:
+    """Names of the packaged vessels."""
+    return sorted(p.stem for p in FOLDER.glob("*.json"))
