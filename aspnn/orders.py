@@ -1,6 +1,7 @@
 """Orders: what was (or will be) asked of the rudder or the shaft, held until the next order, and the servo that follows."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -51,7 +52,7 @@ class Orders:
         later = self.times[self.times > time[0] + 1e-9]
         instants = np.concatenate([[time[0]], later, [np.inf]])
         knots_t, knots_v, value = [time[0]], [float(start)], float(start)
-        for begin, end in zip(instants[:-1], instants[1:], strict=True):
+        for begin, end in pairwise(instants):
             order = float(self.at(begin))
             reached = begin + abs(order - value) / rate
             if reached < end:
