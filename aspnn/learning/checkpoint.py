@@ -1,0 +1,112 @@
+"""The checkpoint bundle: weights (safetensors), config.json, MODEL_CARD.md. Never pickle.
+
+The config holds all that a prediction needs beside the weights: the kind and sizes of the network, the WindowSpec, the
+vessel and the training domain; and where it came from.
+"""
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import nn
+
+from aspnn.learning.network import RolloutGru, RolloutSizes, ThesisGru, ThesisSizes
+from aspnn.learning.windows import WindowSpec
+from aspnn.records import atomic, sha256
+from aspnn.schema import InputError
+from aspnn.vessel import Vessel, from_dict
+
+FORMAT = 1
+KINDS: dict[str, tuple[type, type]] = {"rollout": (RolloutGru, RolloutSizes), "thesis": (ThesisGru, ThesisSizes)}
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """A trained network with its config. `domain` maps each input and forcing to its [lowest, highest] in training."""
+
+    name: str
+    network: nn.Module
+    spec: WindowSpec
+    vessel: Vessel
+    region_map: bool  # whether the region-mapped pivot point or the exact step makes the path by default
+    domain: dict[str, list[float]] = field(default_factory=dict)
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+
+def build(kind: str, sizes: dict[str, Any]) -> nn.Module:
+    """A network of a kind (`rollout`, `thesis`) from the plain data of its sizes. Raises InputError."""
+    if kind not in KINDS:
+        raise InputError(f"network kind {kind} is not known; choose among {', '.join(KINDS)}")
+    module, size = KINDS[kind]
+    return module(size(**{k: tuple(v) if isinstance(v, list) else v for k, v in sizes.items()}))
+
+
+def write_bundle(bundle: Bundle, folder: str | Path, card: str) -> None:
+    """Write the deploy bundle to `folder`; each file is whole or absent, the config comes last."""
+    folder = Path(folder)
+    kind = next(k for k, (module, _) in KINDS.items() if isinstance(bundle.network, module))
+    with atomic(folder / "model.safetensors") as temporary:
+        save_file({k: v.contiguous() for k, v in bundle.network.state_dict().items()}, temporary)
+    with atomic(folder / "MODEL_CARD.md") as temporary:
+        temporary.write_text(card)
+    config = {
+        "format": FORMAT,
+        "name": bundle.name,
+        "kind": kind,
+        "sizes": asdict(bundle.network.sizes),  # type: ignore[call-overload]
+        "spec": asdict(bundle.spec),
+        "region_map": bundle.region_map,
+        "domain": bundle.domain,
+        "vessel": bundle.vessel.to_dict(),
+        "provenance": bundle.provenance,
+        "model_sha256": sha256(folder / "model.safetensors"),
+    }
+    with atomic(folder / "config.json") as temporary:
+        temporary.write_text(json.dumps(config, indent=1) + "\n")
+
+
+def read_bundle(folder: str | Path) -> Bundle:
+    """Read a bundle. Raises InputError naming the file when it is missing, damaged or of another version."""
+    folder = Path(folder)
+    path = folder / "config.json"
+    try:
+        config = json.loads(path.read_text())
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(
+            f"{folder}: is no checkpoint (config.json is missing); give the folder that `aspnn train` wrote"
+        ) from None
+    except ValueError as error:
+        raise InputError(f"{path}: not JSON ({error}); copy the checkpoint again") from None
+    if config.get("format") != FORMAT:
+        raise InputError(
+            f"{path}: checkpoint format {config.get('format')}, this version reads {FORMAT}; train it again with this version"
+        )
+    weights = folder / "model.safetensors"
+    if not weights.exists():
+        raise InputError(f"{weights}: is missing; copy the checkpoint again")
+    if sha256(weights) != config.get("model_sha256"):
+        raise InputError(
+            f"{weights}: does not match config.json (SHA-256); copy the checkpoint again, both files together"
+        )
+    try:
+        network = build(config["kind"], config["sizes"])
+        network.load_state_dict(load_file(weights))
+        network.eval()
+        torch.set_num_threads(1)  # two threads make such small networks 4 to 16 times slower
+        return Bundle(
+            name=config["name"],
+            network=network,
+            spec=WindowSpec.from_dict(config["spec"]),
+            vessel=from_dict(config["vessel"], str(path)),
+            region_map=config["region_map"],
+            domain=config["domain"],
+            provenance=config["provenance"],
+        )
+    except (KeyError, TypeError, RuntimeError, SafetensorError) as error:
+        raise InputError(
+            f"{path}: is incomplete or of another version ({str(error).splitlines()[0]}); train it again"
+        ) from None
