@@ -1,1 +1,1 @@
-"""."""
+"""Evaluation: predictors on the same windows, measured against the truth (or the smoothed path), and the report."""

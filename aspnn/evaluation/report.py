@@ -1,0 +1,189 @@
+"""The report: one HTML file with everything in it, interactive and readable without a network."""
+
+import platform
+import re
+from collections import Counter
+from collections.abc import Mapping
+from importlib import metadata as packages
+from importlib import resources
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from aspnn import __version__, records
+from aspnn.evaluation import plots
+from aspnn.evaluation.evaluate import (
+    BASELINES,
+    ORACLE,
+    TITLES,
+    Evaluation,
+    best_baseline,
+    headline_groups,
+    metres,
+    metrics,
+    ratios,
+    reference_note,
+)
+from aspnn.evaluation.examples import Example, colours, examples
+from aspnn.evaluation.windows import Rule
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+WORDS = {
+    "caa_ctra": "kinematic: accelerations held, turn rate and acceleration along the course (CTRA)",
+    "caa_cmm": "kinematic: accelerations held, curvilinear motion (CMM)",
+    "constant": "surge, sway and yaw rate held: the arc of bridge displays",
+    "oracle": "the true simulator run on from the filtered state: the limit",
+}
+
+
+def write_report(
+    evaluation: Evaluation,
+    path: str | FilePath,
+    curves: Mapping[str, pd.DataFrame] | None = None,
+    notes: Mapping[str, str] | None = None,
+) -> None:
+    """Write the report of an evaluation, whole or not at all.
+
+    `curves` are training curves by run (columns `epoch` and whatever has `loss` in its name); `notes` are further lines
+    of the metadata (checkpoint hashes, training seeds).
+    """
+    page = render(evaluation, curves or {}, notes or {})
+    with records.atomic(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def render(evaluation: Evaluation, curves: Mapping[str, pd.DataFrame], notes: Mapping[str, str]) -> str:
+    """The report as HTML text."""
+    from jinja2 import Environment
+
+    colour = colours(evaluation)
+    groups = headline_groups(evaluation)
+    source = resources.files("aspnn.evaluation").joinpath("report.html.jinja").read_text(encoding="utf-8")
+    template = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(source)
+    cases = [
+        {
+            "title": case.title,
+            "group": case.group,
+            "about": f"{case.voyage}, start at {case.time:g} s, rudder {_plan(case)}",
+            "error": f"{metres(evaluation, case.errors[case.main][-1])} m",
+            "tracks": _html(plots.tracks(case, evaluation.vessel, colour), f"tracks-{number}"),
+            "course": _html(plots.course_of(case, evaluation.vessel, colour), f"course-{number}"),
+        }
+        for number, case in enumerate(examples(evaluation))
+    ]
+    return template.render(
+        plotly=_bundle(),
+        main=evaluation.main,
+        vessel=evaluation.vessel,
+        horizon=f"{evaluation.rule.horizon:g}",
+        step=f"{evaluation.rule.horizon / 6:g}",
+        reference=reference_note(evaluation),
+        colour=colour,
+        words=WORDS,
+        headline=[_headline(evaluation, group) for group in groups],
+        cases=cases,
+        growth=_html(plots.growth(evaluation), "growth"),
+        boxes=[(group, TITLES[group], _html(plots.boxes(evaluation, group), f"boxes-{group}")) for group in groups],
+        training=_html(plots.training(curves), "training") if curves else "",
+        details=[_details(evaluation, group) for group in groups],
+        definitions=definitions(evaluation.rule),
+        left_out=evaluation.left_out,
+        excluded=sum((Counter(entry["excluded"]) for entry in evaluation.data), Counter()),
+        windows=len(evaluation.windows),
+        data=evaluation.data,
+        metadata=_versions() | {"bootstrap seed": evaluation.seed, **notes},
+    )
+
+
+def definitions(rule: Rule) -> dict[str, str]:
+    """What the groups are, in words, for this rule."""
+    change, horizon = f"{np.degrees(rule.order_change):g} deg", f"{rule.horizon:g} s"
+    order = f"a rudder order changed by at least {change}, at least {rule.order_apart:g} s after the last such change"
+    return {
+        "new_order": f"the prediction starts at {order}, and the new order is held for the whole {horizon}",
+        "orders_within_horizon": f"the prediction starts at {order}, and a further order follows inside the {horizon}",
+        "order": "both of these together",
+        "steady": f"no such order from {rule.steady_before:g} s before the start until {horizon} after it; "
+        f"a start every {rule.steady_every:g} s in each such stretch",
+    }
+
+
+def _headline(evaluation: Evaluation, group: str) -> dict[str, Any]:
+    """The rows of the headline table: one predictor each, at the last horizon."""
+    horizon = evaluation.rule.horizon
+    scores = metrics(evaluation)["predictors"]
+    baseline = best_baseline(evaluation, group, horizon)
+    against = [name for name in (baseline, ORACLE) if name is not None and name in scores]
+    shares = {name: ratios(evaluation, group, horizon, name) for name in against}
+    rows = []
+    for name, groups in scores.items():
+        at = groups[group]["horizons"][f"{horizon:g}"]
+        numbers = [metres(evaluation, at["position_m"][key]) for key in ("median", "p95", "mean")]
+        numbers += [f"{at['heading_deg'][key]:.2f}" for key in ("median_abs", "p95_abs")]
+        rows.append(
+            {
+                "name": name,
+                "numbers": [*numbers, _signed(at["heading_deg"]["median_signed"])],
+                "ratios": [str(shares[other][name]) if other != name else "1" for other in against],
+            }
+        )
+    return {
+        "group": group,
+        "title": TITLES[group],
+        "n": len(evaluation.rows(group)),
+        "against": [f"to {name}" + (", the best baseline" if name in BASELINES else "") for name in against],
+        "rows": rows,
+    }
+
+
+def _details(evaluation: Evaluation, group: str) -> dict[str, Any]:
+    """Every horizon of a group: position, along and cross track, heading."""
+    rows = evaluation.rows(group)
+    lines = []
+    for horizon in evaluation.rule.horizons:
+        column = evaluation.column(horizon)
+        for name, errors in evaluation.errors.items():
+            parts = [errors.position, np.abs(errors.along), np.abs(errors.cross), np.degrees(np.abs(errors.heading))]
+            cells = [np.percentile(part[rows, column], [50, 95]) for part in parts]
+            signed = [
+                np.median(part[rows, column]) for part in (errors.along, errors.cross, np.degrees(errors.heading))
+            ]
+            lines.append((f"{horizon:g}", name, [f"{a:.2f} / {b:.2f}" for a, b in cells], [_signed(s) for s in signed]))
+    return {"group": group, "lines": lines}
+
+
+def _signed(number: float) -> str:
+    return f"{round(number, 2) + 0.0:+.2f}"  # adding zero takes the sign off a rounded -0.0
+
+
+def _plan(case: Example) -> str:
+    rudder = case.plan.rudder
+    words = [
+        f"{np.degrees(value) + 0.0:.0f}° at {time:.0f} s"
+        for time, value in zip(rudder.times, rudder.values, strict=True)
+    ]
+    return ", ".join(words[:4]) + (" and further orders" if len(words) > 4 else "")
+
+
+def _html(figure: "Figure", name: str) -> str:
+    """A figure as the HTML of its own element; the plotly bundle stands once in the page."""
+    from plotly.io import to_html
+
+    config = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}
+    return to_html(figure, full_html=False, include_plotlyjs=False, config=config, div_id=name)
+
+
+def _bundle() -> str:
+    """plotly's script. Its links to makers of web maps, which this page never shows, are taken out: no address is left."""
+    from plotly.offline import get_plotlyjs
+
+    return re.sub(r"""(href=\\?["'])https?://[^"'\\]*""", r"\1#", get_plotlyjs())
+
+
+def _versions() -> dict[str, Any]:
+    names = ("torch", "numpy", "scipy", "numba", "plotly")
+    return {"aspnn": __version__, "python": platform.python_version()} | {n: packages.version(n) for n in names}
