@@ -8,8 +8,11 @@ clockwise. A missing sensor is an absent column or NaN, never zero.
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
 
-import pandas as pd
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class InputError(ValueError):
@@ -103,6 +106,7 @@ STATES = (
         needed=True,
     ),
     Column("shaft_speed_rps", "rev/s", "-", "shaft speed in force; NaN where the log has none", needed=True),
+    Column("engine_order_rps", "rev/s", "-", "ordered shaft speed in force; NaN where the log has none", needed=True),
     Column("wind_speed_true_m_s", "m/s", "ground", "true wind speed; NaN where the log has none", needed=True),
     Column(
         "wind_from_grid_rad",
@@ -127,13 +131,11 @@ STATES = (
 )
 
 
-def check(table: pd.DataFrame, columns: Iterable[Column], where: str = "table") -> None:
+def check(table: "pd.DataFrame", columns: Iterable[Column], where: str = "table") -> None:
     """Hold a table to its contract: all needed columns present, no unknown ones.
 
     Raises InputError that names `where` (usually the file), the column and the nearest known name.
     """
-    from difflib import get_close_matches
-
     columns = tuple(columns)
     for name in table.columns:
         if not any(c.matches(str(name)) for c in columns):

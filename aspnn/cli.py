@@ -1,0 +1,208 @@
+"""The `aspnn` command: parse, call, print. No numerics here, and nothing heavy is imported before a command runs."""
+
+import sys
+from collections.abc import Iterable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from aspnn.schema import InputError
+
+app = typer.Typer(
+    help="aspnn, the open advanced ship predictor: where the hull will be 10 to 90 s after a rudder order.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+Out = Annotated[Path, typer.Option("--out", help="Folder that receives the files.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+Logs = Annotated[list[Path], typer.Argument(help="Canonical logs: files or folders.", show_default=False)]
+Checkpoint = Annotated[Path, typer.Argument(help="Checkpoint folder.", show_default=False)]
+
+
+class Format(StrEnum):
+    """Formats that `import` reads."""
+
+    csv = "csv"
+    nmea0183 = "nmea0183"
+    esso_osaka = "esso-osaka"
+
+
+class Shape(StrEnum):
+    """Formats that `predict` writes."""
+
+    json = "json"
+    geojson = "geojson"
+    csv = "csv"
+
+
+def watch(things: Iterable, what: str, count: int) -> Iterable:
+    """A progress bar on standard error around `things`, silent when that is no terminal."""
+    from rich.console import Console
+    from rich.progress import track
+
+    console = Console(stderr=True)
+    return track(things, what, total=count, console=console, disable=not console.is_terminal, transient=True)
+
+
+def say(quiet: bool, text: Any) -> None:
+    """Print a line (or a table) unless quiet."""
+    if not quiet:
+        from rich.console import Console
+
+        # A pipe has no width: tables must not be cut there.
+        Console(width=None if sys.stdout.isatty() else 140, highlight=False, soft_wrap=isinstance(text, str)).print(
+            text
+        )
+
+
+@app.command()
+def simulate(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (data/scenarios/*.toml).", show_default=False)],
+    out: Out,
+    seed: Annotated[int | None, typer.Option(help="Seed in place of the scenario's.", min=0)] = None,
+    voyages: Annotated[int | None, typer.Option(help="Number of voyages in place of the scenario's.", min=1)] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate voyages of a scenario: a log and its truth per voyage."""
+    from aspnn.workflow import silent, simulate_files
+
+    made = simulate_files(scenario, out, voyages, seed, silent if quiet else watch)
+    say(quiet, f"{len(made)} voyages in {out}")
+
+
+@app.command("import")
+def import_(
+    format: Annotated[Format, typer.Argument(help="Format of the sources.", show_default=False)],
+    sources: Annotated[list[Path], typer.Argument(help="Recorded files or folders.", show_default=False)],
+    out: Out,
+    map: Annotated[Path | None, typer.Option("--map", help="Map of columns, units, signs and antennas (TOML).")] = None,
+    vessel: Annotated[
+        str | None, typer.Option(help="Vessel in place of the map's: a packaged name or a .json file.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Bring recorded logs into the canonical form."""
+    from aspnn.workflow import import_files, silent
+
+    for path, notes in import_files(format.value, sources, out, map, vessel, silent if quiet else watch):
+        say(quiet, f"{path}: {notes}")
+
+
+@app.command("filter")
+def filter_(
+    logs: Logs,
+    out: Out,
+    smooth: Annotated[
+        bool, typer.Option("--smooth", help="Write the smoothed states too (labels, never inputs).")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Filter logs into navigation states."""
+    from aspnn.workflow import filter_files, silent
+
+    made = filter_files(logs, out, smooth, silent if quiet else watch)
+    say(quiet, f"{len(made)} state files in {out}")
+
+
+@app.command()
+def windows(
+    logs: Logs,
+    spec: Annotated[Path, typer.Option("--spec", help="Training file that says what windows hold.")],
+    out: Out,
+    quiet: Quiet = False,
+) -> None:
+    """Cut windowed datasets for training and validation out of logs."""
+    from aspnn.workflow import silent, window_files
+
+    for path, count in window_files(logs, spec, out, silent if quiet else watch):
+        say(quiet, f"{count} windows in {path}")
+
+
+@app.command()
+def train(
+    config: Annotated[Path, typer.Argument(help="Training file (training/*.toml).", show_default=False)],
+    seed: Annotated[int | None, typer.Option(help="Seed in place of the file's.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Run folder; runs/NAME without it.")] = None,
+    checkpoint: Annotated[Path | None, typer.Option(help="Folder for a second copy of the bundle.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Train a predictor. A run that was killed goes on where it was when called again."""
+    from aspnn.workflow import silent, train
+
+    folder = train(config, out, seed, checkpoint, quiet, silent if quiet else watch)
+    say(quiet, f"checkpoint in {folder}")
+
+
+@app.command()
+def evaluate(
+    checkpoint: Checkpoint,
+    logs: Logs,
+    beside: Annotated[list[Path] | None, typer.Option(help="Further checkpoints, on the same windows.")] = None,
+    report: Annotated[Path | None, typer.Option(help="HTML report to write.")] = None,
+    json: Annotated[Path | None, typer.Option("--json", help="metrics.json to write.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Measure a predictor on logs, beside the kinematic baselines and the oracle."""
+    from aspnn.evaluation.evaluate import table
+    from aspnn.workflow import evaluate_files, silent
+
+    watched = silent if quiet else watch
+    result = evaluate_files([checkpoint, *(beside or [])], logs, report, json, seed, watch=watched)
+    say(quiet, table(result))
+    for path in (report, json):
+        if path:
+            say(quiet, f"written: {path}")
+
+
+@app.command()
+def predict(
+    checkpoint: Checkpoint,
+    log: Annotated[Path, typer.Argument(help="Canonical log.", show_default=False)],
+    at: Annotated[float, typer.Option("--at", help="Start of the prediction [s] from the start of the log.")],
+    rudder: Annotated[
+        str | None, typer.Option(help="Rudder plan, DEG or DEG@T,... [s from the start]; held as it is without it.")
+    ] = None,
+    horizon: Annotated[float | None, typer.Option(help="Horizon [s]; the checkpoint's without it.", min=0.1)] = None,
+    format: Annotated[Shape, typer.Option(help="Format of the output.")] = Shape.json,
+    region_map: Annotated[
+        bool | None,
+        typer.Option("--region-map/--exact", help="Path by the region-mapped pivot point, or by the exact step."),
+    ] = None,
+) -> None:
+    """Predict the path from one instant of a log, if a rudder plan is followed."""
+    from aspnn.workflow import predict_file
+
+    sys.stdout.write(predict_file(checkpoint, log, at, rudder, horizon, format.value, region_map))
+
+
+@app.command()
+def info(thing: Annotated[Path, typer.Argument(help="Checkpoint folder, log or states.", show_default=False)]) -> None:
+    """Say what a checkpoint or a log holds."""
+    from aspnn.workflow import describe
+
+    for line in describe(thing):
+        say(False, line)
+
+
+def main() -> None:
+    """Run the command. What a user got wrong is one line on standard error and exit code 2."""
+    try:
+        app()
+    except InputError as error:
+        sys.stderr.write(f"error: {error}\n")
+        sys.exit(2)
+    except OSError as error:
+        sys.stderr.write(f"error: {error.filename or 'file'}: {error.strerror or error}\n")
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.stderr.write("stopped\n")
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,283 @@
+"""The compositions: simulate, filter, cut windows, train, evaluate. What the command line and the thin scripts call."""
+
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from aspnn import __version__, records
+from aspnn.estimation import filter_log, smooth_log
+from aspnn.learning.config import Training, read_training
+from aspnn.learning.windows import write_windows
+from aspnn.records import Log
+from aspnn.schema import InputError
+from aspnn.simulation.scenario import read_scenario, simulate_scenario, write_voyage
+
+Watch = Callable[[Iterable, str, int], Iterable]  # (things, what is done, how many) -> the same things, shown
+
+
+def silent(things: Iterable, what: str, count: int) -> Iterable:
+    """The watch that shows nothing."""
+    return things
+
+
+def simulate_files(
+    scenario: str | Path, out: str | Path, voyages: int | None = None, seed: int | None = None, watch: Watch = silent
+) -> list[Path]:
+    """Simulate a scenario into `out`: one log and one truth file per voyage, and `manifest.json`. Returns the logs."""
+    plan = read_scenario(scenario)
+    count = plan.voyages if voyages is None else voyages
+    made = [
+        write_voyage(log, truth, out) for log, truth in watch(simulate_scenario(plan, count, seed), "simulating", count)
+    ]
+    manifest = {
+        "version": __version__,
+        "scenario": plan.model_dump(mode="json"),
+        "seed": plan.seed if seed is None else seed,
+        "files": {path.name: records.sha256(path) for path in made},
+    }
+    with records.atomic(Path(out) / "manifest.json") as temporary:
+        temporary.write_text(json.dumps(manifest, indent=1) + "\n")
+    return made
+
+
+def filter_files(
+    logs: Sequence[str | Path], out: str | Path, smooth: bool = False, watch: Watch = silent
+) -> list[Path]:
+    """Filter logs into `out` as NAME.states.parquet (and, smoothed, NAME.smoothed.parquet). Returns the state files."""
+    files = records.log_files(logs)
+    made = []
+    for file in watch(files, "filtering", len(files)):
+        log = records.read_log(file)
+        made.append(Path(out) / f"{Path(file).stem}.states.parquet")
+        records.write_states(filter_log(log), made[-1])
+        if smooth:
+            records.write_states(smooth_log(log), made[-1].with_name(f"{Path(file).stem}.smoothed.parquet"))
+    return made
+
+
+def training_logs(training: Training, watch: Watch = silent) -> Iterator[Log]:
+    """The logs of a training file, simulated or read, in a fixed order."""
+    data = training.data
+    if data.scenario is not None:
+        scenario = read_scenario(training.folder / data.scenario)
+        count = data.voyages or scenario.voyages
+        yield from (log for log, _ in watch(simulate_scenario(scenario, count), "simulating", count))
+        return
+    sources = [
+        path for pattern in data.logs for path in sorted(training.folder.glob(pattern)) or [training.folder / pattern]
+    ]
+    files = [file for file in records.log_files(sources) if not any(word in file.name for word in data.exclude)]
+    for file in watch(files, "filtering", len(files)):
+        yield records.read_log(file)
+
+
+def window_files(
+    logs: Sequence[str | Path], config: str | Path, out: str | Path, watch: Watch = silent
+) -> list[tuple[Path, int]]:
+    """Windowed datasets of logs as a training file cuts them; the files written, with their numbers of windows."""
+    from aspnn.learning.train import training_material
+
+    files = records.log_files(logs)
+    material = training_material(
+        read_training(config), (records.read_log(f) for f in watch(files, "filtering", len(files)))
+    )
+    made = []
+    for name, windows in (("train", material.train), ("validation", material.validation)):
+        if windows is not None:
+            made.append((Path(out) / f"{name}.safetensors", len(windows)))
+            write_windows(windows, made[-1][0])
+    return made
+
+
+def train(
+    config: str | Path,
+    out: str | Path | None = None,
+    seed: int | None = None,
+    checkpoint: str | Path | None = None,
+    quiet: bool = False,
+    watch: Watch = silent,
+) -> Path:
+    """Train what a training file describes; returns the folder of the checkpoint bundle.
+
+    `out` (default runs/NAME) gets the bundle in `checkpoint/`, curves and logs by network, and what a killed run needs to
+    go on; the same call goes on. A run of other settings in `out` starts anew. `checkpoint` gets a copy of the bundle.
+    """
+    from aspnn.learning.card import model_card
+    from aspnn.learning.checkpoint import write_bundle
+    from aspnn.learning.train import train_bundle, training_material
+
+    training = read_training(config)
+    if seed is not None:
+        training = training.model_copy(update={"fit": training.fit.model_copy(update={"seed": seed})})
+    folder = Path(out) if out else Path("runs") / training.name
+    material = training_material(training, training_logs(training, watch))
+    bundle = train_bundle(training, material, folder, quiet)
+    for place in (folder / "checkpoint", *([Path(checkpoint)] if checkpoint else [])):
+        write_bundle(bundle, place, model_card(bundle))
+    return folder / "checkpoint"
+
+
+def evaluate_files(
+    checkpoints: Sequence[str | Path],
+    logs: Sequence[str | Path],
+    report: str | Path | None = None,
+    metrics: str | Path | None = None,
+    seed: int = 0,
+    oracle: bool = True,
+    watch: Watch = silent,
+):
+    """Evaluate checkpoints beside the three baselines and, where there is truth, the oracle, on the same windows.
+
+    Writes the HTML report and metrics.json where named, and returns the Evaluation. Raises InputError.
+    """
+    from aspnn.evaluation.evaluate import evaluate, write_metrics
+    from aspnn.evaluation.oracle import Oracle
+    from aspnn.evaluation.reference import Voyage
+    from aspnn.evaluation.report import write_report
+    from aspnn.evaluation.windows import Rule
+    from aspnn.prediction import baselines
+    from aspnn.prediction.gru import GruPredictor
+
+    files = records.log_files(logs)
+    learned = [GruPredictor.load(folder) for folder in checkpoints]
+    vessel = learned[0].bundle.vessel if learned else records.read_log(files[0]).vessel
+    rule = Rule.of(vessel)
+    short = [p for p in learned if p.horizon < rule.horizon]
+    if short:
+        raise InputError(
+            f"checkpoint {short[0].name} predicts {short[0].horizon:g} s, this evaluation needs {rule.horizon:g} s"
+        )
+
+    def voyages() -> Iterator[Voyage]:
+        for file in watch(files, "evaluating", len(files)):
+            log = records.read_log(file)
+            yield Voyage.of(log, filter_log(log), smooth_log)
+
+    predictors = [*learned, *baselines(vessel, rule.horizon)]
+    result = evaluate(predictors, voyages(), rule, seed, Oracle.of if oracle else None)
+    if metrics:
+        write_metrics(result, metrics)
+    if report:
+        write_report(result, report, training_curves(checkpoints), _notes(learned))
+    return result
+
+
+def training_curves(checkpoints: Sequence[str | Path]) -> dict[str, pd.DataFrame]:
+    """The training curves that lie beside checkpoints still in their run folder, by run and network."""
+    found = {}
+    for checkpoint in checkpoints:
+        for file in sorted(Path(checkpoint).parent.glob("*/curves.csv")):
+            found[f"{file.parent.parent.name} {file.parent.name}"] = pd.read_csv(file)
+    return found
+
+
+def _notes(learned) -> dict[str, str]:
+    return {
+        f"checkpoint {p.name}": f"seed {p.bundle.provenance['training']['fit']['seed']}, data {p.bundle.provenance['data_sha256'][:12]}"
+        for p in learned
+    }
+
+
+def import_files(
+    format: str,
+    sources: Sequence[str | Path],
+    out: str | Path,
+    map: str | Path | None = None,
+    vessel: str | None = None,
+    watch: Watch = silent,
+) -> Iterator[tuple[Path, str]]:
+    """Import recorded logs into `out`; each log's file and a line on what was dropped, gated or derived."""
+    from aspnn import logs
+
+    if format == "esso-osaka":
+        found = logs.import_esso_osaka(sources)
+    elif map is None:
+        raise InputError(
+            f"import {format}: name a map of columns, units and antennas with --map (data/maps holds examples)"
+        )
+    else:
+        found = (logs.import_csv if format == "csv" else logs.import_nmea0183)(sources, map, vessel)
+    for log in watch(found, "writing", len(found)):
+        records.check_log(log, log.path or log.voyage)
+        path = Path(out) / f"{log.notes['name']}.parquet"
+        records.write_log(log, path)
+        yield path, ", ".join(f"{key} {value}" for key, value in log.notes.items() if key != "name")
+
+
+def predict_file(
+    checkpoint: str | Path,
+    log: str | Path,
+    at: float,
+    rudder: str | None,
+    horizon: float | None,
+    format: str,
+    region_map: bool | None = None,
+) -> str:
+    """The path predicted from `at` [s] of a log as text in `format` (json, geojson, csv). Raises InputError."""
+    from aspnn.prediction import writers
+    from aspnn.prediction.gru import GruPredictor
+
+    predictor = GruPredictor.load(checkpoint)
+    if region_map is not None:
+        predictor = replace(predictor, region_map=region_map)
+    if horizon is not None and horizon > predictor.horizon:
+        raise InputError(f"--horizon {horizon:g} s is beyond the {predictor.horizon:g} s of checkpoint {checkpoint}")
+    states = filter_log(records.read_log(log))
+    last = states["time_s"][-1]
+    if not states["time_s"][0] <= at <= last:
+        raise InputError(
+            f"{log}: --at {at:g} s is outside the log, which runs from {states['time_s'][0]:g} to {last:g} s"
+        )
+    now = states.until(at)
+    path = predictor.predict(now, None if rudder is None else parse_plan(rudder))
+    if horizon is not None:
+        path = path.at(path.time[path.time <= horizon + 1e-9])
+    if format == "csv":
+        return writers.to_csv(path, now)
+    if format == "geojson":
+        return writers.to_geojson(path, now, predictor.name)
+    return writers.to_json(path, now, predictor.name)
+
+
+def parse_plan(text: str) -> list[tuple[float, float]]:
+    """Rudder plan [s, rad] from text such as `20` or `20@0,-10@30` (degrees at seconds from now). Raises InputError."""
+    plan = []
+    for part in text.split(","):
+        angle, _, when = part.partition("@")
+        try:
+            plan.append((float(when or 0), math.radians(float(angle))))
+        except ValueError:
+            raise InputError(
+                f"--rudder {text!r}: {part!r} is not DEG or DEG@SECONDS, such as 20 or 20@0,-10@30"
+            ) from None
+    return plan
+
+
+def describe(thing: str | Path) -> Iterator[str]:
+    """Lines that say what a checkpoint, a log or states hold. Raises InputError."""
+    path = Path(thing)
+    if path.is_dir():
+        from aspnn.learning.card import model_card
+        from aspnn.learning.checkpoint import read_bundle
+
+        yield from model_card(read_bundle(path)).splitlines()
+        return
+    table, metadata = records.read_table(path)
+    record = records.read_states(path) if metadata.get("kind") == "states" else records.read_log(path)
+    time = record.table["time_s"].to_numpy(float)
+    step, zone = np.diff(time), record.zone or "local north and east"
+    yield f"{metadata['kind']} {path}: vessel {record.vessel.name}, voyage {record.voyage}, zone {zone}"
+    yield f"source: {record.source or 'not said'}; start {record.start or 'not said'}"
+    yield f"{len(table)} rows over {time[-1] - time[0]:.1f} s, median step {np.median(step):.3g} s, longest gap {step.max():.3g} s"
+    for key, value in getattr(record, "notes", {}).items():
+        yield f"{key}: {value}"
+    for name in table.columns:
+        values = table[name].to_numpy(float)
+        known = np.isfinite(values)
+        span = f"{values[known].min():.6g} to {values[known].max():.6g}" if known.any() else "no value"
+        yield f"  {name:32s} {known.mean():7.1%} known, {span}"

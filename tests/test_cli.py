@@ -1,0 +1,240 @@
+"""The command line end to end on small voyages: what each command promises, and one clear line for what goes wrong."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aspnn import cli, records
+from aspnn.evaluation.windows import Rule
+from aspnn.learning.windows import read_windows
+from tests.test_imports import modules_after
+
+SCENARIO = """
+vessel = "cargo90"
+voyages = 3
+duration_s = 420
+seed = 11
+[start]
+speed_kn = 11.5
+latitude_deg = 69.65
+longitude_deg = 18.96
+zone = "33N"
+heading_deg = "random"
+[manoeuvre]
+kind = "random-orders"
+hold_s = [40, 90]
+"""
+TRAINING = """
+name = "small"
+[data]
+scenario = "scenario.toml"
+validation_voyages = 1
+[windows]
+history_s = 10
+horizon_s = 90
+period_s = 3
+inputs = ["surge", "sway_bow", "sway_stern", "rudder_angle"]
+forcings = ["rudder_angle"]
+sliding_s = 10
+[network]
+kind = "rollout"
+latent = 8
+position_tolerance_m = [0.5, 0.05]
+heading_tolerance_deg = [0.5, 0.05]
+velocity_tolerance_m_s = 0.1
+[fit]
+epochs = 2
+learning_rate = 8e-3
+one_cycle = true
+"""
+
+
+def run(*words) -> tuple[int, str]:
+    """Exit code and standard error of the command, in this process."""
+    import contextlib
+    import io
+
+    errors, old = io.StringIO(), sys.argv
+    sys.argv = ["aspnn", *map(str, words)]
+    try:
+        with contextlib.redirect_stderr(errors):
+            cli.main()
+    except SystemExit as stop:
+        return int(stop.code or 0), errors.getvalue()
+    finally:
+        sys.argv = old
+    return 0, errors.getvalue()
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory) -> Path:
+    """A folder with a scenario, its logs, a training file and the checkpoint trained with it."""
+    place = tmp_path_factory.mktemp("cli")
+    (place / "scenario.toml").write_text(SCENARIO)
+    (place / "small.toml").write_text(TRAINING)
+    assert run("simulate", place / "scenario.toml", "--out", place / "logs", "--quiet") == (0, "")
+    assert run("train", place / "small.toml", "--out", place / "run", "--quiet")[0] == 0
+    return place
+
+
+@pytest.fixture
+def log(place) -> Path:
+    return next(iter(records.log_files([place / "logs"])))
+
+
+def test_simulate_writes_logs_truth_and_manifest(place):
+    """Oracle: the manifest's own hashes, and the record contract."""
+    logs = records.log_files([place / "logs"])
+    manifest = json.loads((place / "logs" / "manifest.json").read_text())
+    assert manifest["files"] == {path.name: records.sha256(path) for path in logs}
+    assert all(records.read_truth(records.read_log(path)) is not None for path in logs)
+    assert len(logs) == 3
+
+
+def test_filter_and_windows_write_what_they_say(place, tmp_path):
+    assert run("filter", place / "logs", "--out", tmp_path / "states", "--smooth", "--quiet") == (0, "")
+    states = sorted((tmp_path / "states").glob("*.states.parquet"))
+    smoothed = sorted((tmp_path / "states").glob("*.smoothed.parquet"))
+    assert [records.read_states(f).smoothed for f in (*states, *smoothed)] == [False] * 3 + [True] * 3
+    assert run("windows", place / "logs", "--spec", place / "small.toml", "--out", tmp_path, "--quiet") == (0, "")
+    train, validation = (read_windows(tmp_path / f"{name}.safetensors") for name in ("train", "validation"))
+    assert not set(train.voyages) & set(validation.voyages)
+    assert train.history.shape[1:] == (3, 4)
+
+
+def test_training_repeats_bit_by_bit(place, tmp_path):
+    """Oracle: the first run's weights; a second copy of the bundle is the same bundle."""
+    assert (
+        run("train", place / "small.toml", "--out", tmp_path / "run", "--checkpoint", tmp_path / "copy", "--quiet")[0]
+        == 0
+    )
+    first, second = (records.sha256(p / "checkpoint" / "model.safetensors") for p in (place / "run", tmp_path / "run"))
+    assert first == second == records.sha256(tmp_path / "copy" / "model.safetensors")
+
+
+def test_evaluate_writes_metrics_in_the_agreed_form(place, tmp_path, monkeypatch, capsys):
+    """The contract of metrics.json: predictors, groups, horizons, statistics; every predictor on the same windows."""
+    short = Rule(history=20.0, steady_before=10.0)
+    monkeypatch.setattr(Rule, "of", staticmethod(lambda vessel: short))
+    report, metrics = tmp_path / "report.html", tmp_path / "metrics.json"
+    code, _ = run("evaluate", place / "run" / "checkpoint", place / "logs", "--report", report, "--json", metrics)
+    assert code == 0
+    found = json.loads(metrics.read_text())
+    assert set(found["predictors"]) == {"small", "caa_ctra", "caa_cmm", "constant", "oracle"}
+    counts = {name: {g: groups[g]["n"] for g in groups} for name, groups in found["predictors"].items()}
+    assert all(counts[name] == counts["oracle"] for name in counts)
+    entry = found["predictors"]["small"]["order"]["horizons"]["90"]
+    assert set(entry["position_m"]) == {"median", "p95", "mean"}
+    assert set(entry["heading_deg"]) == {"median_abs", "p95_abs", "median_signed"}
+    assert found["predictors"]["oracle"]["order"]["horizons"]["90"]["position_m"]["median"] < 5
+    assert "small" in capsys.readouterr().out
+    assert report.stat().st_size > 1e6
+
+
+@pytest.mark.parametrize("format", ["json", "geojson", "csv"])
+def test_predict_starts_where_the_states_are(place, log, capsys, format):
+    words = ("--at", 200, "--rudder", "20@0,-10@30", "--horizon", 60, "--format", format)
+    assert run("predict", place / "run" / "checkpoint", log, *words) == (0, "")
+    text = capsys.readouterr().out
+    truth = records.read_truth(records.read_log(log))
+    now = truth.iloc[int(np.searchsorted(truth["time_s"], 200 - 1e-6))]
+    if format == "json":
+        path = json.loads(text)["path"]
+        assert path["time_s"][-1] == 60
+        assert np.hypot(path["north_m"][0] - now["north_m"], path["east_m"][0] - now["east_m"]) < 2
+    elif format == "csv":
+        assert len(pd.read_csv(__import__("io").StringIO(text))) == 21
+    else:
+        assert {f["geometry"]["type"] for f in json.loads(text)["features"]} == {"LineString", "Polygon"}
+
+
+def test_region_map_is_one_argument(place, log, capsys):
+    """The two ways to the path differ, and the region map reports only places of Paper V's table 4."""
+    paths = []
+    for way in ("--region-map", "--exact"):
+        assert run("predict", place / "run" / "checkpoint", log, "--at", 200, "--rudder", 20, way)[0] == 0
+        paths.append(json.loads(capsys.readouterr().out)["path"])
+    assert paths[0]["north_m"][-1] != paths[1]["north_m"][-1]
+    sections = np.array([0, 1, 2, 3, 4, 5.5, 8.5, 20]) * 90 / 8
+    assert all(np.abs(sections - abs(p)).min() < 1e-6 for p in paths[0]["pivot_point_m"])
+
+
+def test_info_tells_of_checkpoint_log_and_states(place, log, capsys):
+    for thing, said in ((place / "run" / "checkpoint", "rollout"), (log, "rudder_order_deg")):
+        assert run("info", thing)[0] == 0
+        assert said in capsys.readouterr().out
+
+
+def bad_inputs(place: Path, log: Path, tmp: Path):
+    """Commands that cannot be done, and the words of the one line that says so."""
+    checkpoint = place / "run" / "checkpoint"
+    other = tmp / "other"
+    other.mkdir()
+    for name in ("config.json", "model.safetensors"):
+        (other / name).write_bytes((checkpoint / name).read_bytes())
+    config = json.loads((other / "config.json").read_text())
+    (other / "config.json").write_text(json.dumps(config | {"format": 99}))
+    foreign = tmp / "foreign"
+    foreign.mkdir()
+    (foreign / "model.safetensors").write_bytes((checkpoint / "model.safetensors").read_bytes())
+    vessel = config["vessel"] | {"name": "kvlcc2_full"}
+    (foreign / "config.json").write_text(json.dumps(config | {"vessel": vessel}))
+    damaged = tmp / "damaged"
+    damaged.mkdir()
+    (damaged / "config.json").write_text(json.dumps(config))
+    (damaged / "model.safetensors").write_bytes(b"x" * 100)
+    truncated = tmp / "truncated.parquet"
+    truncated.write_bytes(log.read_bytes()[:5000])
+    (tmp / "empty.parquet").touch()
+    wrong = tmp / "wrong.toml"
+    wrong.write_text(
+        TRAINING.replace("latent = 8", "latents = 8").replace("scenario.toml", str(place / "scenario.toml"))
+    )
+    predict = ("predict", checkpoint, log)
+    out = ("--out", tmp / "out")
+    return {
+        "rudder beyond the stops": ((*predict, "--at", 100, "--rudder", 40), "beyond the 35 deg stops"),
+        "order beyond the horizon": ((*predict, "--at", 100, "--rudder", "5,10@95"), "beyond the horizon of 90 s"),
+        "no number": ((*predict, "--at", 100, "--rudder", "hard"), "DEG or DEG@SECONDS"),
+        "short history": ((*predict, "--at", 3, "--rudder", 5), "s of history at 3 s"),
+        "outside the log": ((*predict, "--at", 999), "outside the log, which runs from 0 to"),
+        "horizon too long": ((*predict, "--at", 100, "--horizon", 91), "beyond the 90 s"),
+        "other version": (("predict", other, log, "--at", 100), "checkpoint format 99"),
+        "other vessel": (("predict", foreign, log, "--at", 100), "was trained on kvlcc2_full"),
+        "damaged weights": (("info", damaged), "does not match config.json"),
+        "no checkpoint": (("info", tmp), "is no checkpoint"),
+        "no log": (("filter", tmp / "absent.parquet", *out), "no such file"),
+        "truncated log": (("filter", truncated, *out), "truncated.parquet: cannot be read"),
+        "empty log": (("filter", tmp / "empty.parquet", *out), "the file is empty"),
+        "no scenario": (("simulate", tmp / "absent.toml", *out), "no such file"),
+        "unknown key": (("train", wrong, *out), "network.latents: is not a known key"),
+        "no map": (("import", "csv", log, *out), "--map"),
+    }
+
+
+def test_bad_input_is_one_line_and_exit_code_2(place, log, tmp_path):
+    """Each wrong input: one line that names it, exit code 2, no traceback, nothing written."""
+    for case, (words, reason) in bad_inputs(place, log, tmp_path).items():
+        code, text = run(*words)
+        assert code == 2, case
+        assert text.startswith("error: ") and text.count("\n") == 1, (case, text)
+        assert reason in text, (case, text)
+        assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir()), case
+
+
+def test_help_is_light():
+    """sys.modules of a fresh interpreter: the command line itself loads no array, table or network library."""
+    assert not modules_after("import aspnn.cli") & {"numpy", "pandas", "torch", "numba", "scipy", "pyproj", "lightning"}
+
+
+@pytest.mark.parametrize("name", ["simulate", "import", "filter", "windows", "train", "evaluate", "predict", "info"])
+def test_every_command_has_help(name):
+    found = subprocess.run(
+        [sys.executable, "-m", "aspnn.cli", name, "--help"], capture_output=True, text=True, check=True
+    )
+    assert "Usage" in found.stdout
