@@ -1,0 +1,397 @@
+"""The MMG model, against shipmmg, published tables, an independent prototype, exact solutions and laws."""
+
+import math
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aspnn.guidance import straight, turning_circle, zigzag
+from aspnn.orders import Orders
+from aspnn.schema import InputError
+from aspnn.simulation import (
+    Mmg,
+    Ship,
+    balanced_shaft_speed,
+    run_on,
+    simulate,
+    start_states,
+    turning_circle_indices,
+    zigzag_overshoots,
+)
+from aspnn.simulation.mmg import AIR_DENSITY, Air, _wind_load
+from aspnn.vessel import load_vessel
+
+REFERENCE = Path(__file__).parents[1] / "reference"
+SHIPS = ("cargo90", "kvlcc2_l7", "kvlcc2_full")
+
+
+def the(name):
+    """Ship, service speed and the shaft speed that balances it."""
+    vessel = load_vessel(name)
+    ship = Ship.of(vessel)
+    return ship, vessel.service_speed, balanced_shaft_speed(ship.mmg, vessel.service_speed)
+
+
+def trial(name, helm, lengths=60, dt=None):
+    """One voyage of `lengths` ship lengths at service speed, in steps of the ship's own time scale."""
+    ship, speed, shaft = the(name)
+    unit = ship.mmg.Lpp / speed
+    return simulate(ship, helm, start_states(0.0, 0.0, 0.2, speed), lengths * unit, shaft, dt=dt or unit / 150)[0]
+
+
+def turn(name, degrees, dt=None):
+    voyage = trial(name, turning_circle(math.radians(degrees)), dt=dt)
+    return turning_circle_indices(voyage.time, voyage.north, voyage.east, voyage.heading), voyage
+
+
+def overshoots(name, degrees, dt=None):
+    voyage = trial(name, zigzag(math.radians(degrees), math.radians(abs(degrees))), dt=dt)
+    return np.degrees(zigzag_overshoots(voyage.heading, voyage.order, math.radians(abs(degrees))))
+
+
+@pytest.mark.parametrize("name", SHIPS)
+@pytest.mark.parametrize("rudder", ["starboard", "port", "swinging"])
+def test_equals_shipmmg(name, rudder):
+    """Oracle: shipmmg 0.0.11 at equal inputs, 40 ship lengths, states within 0.5 % of their largest (1e-6 at constant rudder).
+
+    Made equal: the exponential wake, which is shipmmg's only one; x_G = 0, since shipmmg takes U and beta (hull, wake and
+    rudder) from the velocity v - r x_G, which is not the midship of its other terms; rudders that its cubic spline follows
+    (constant, or a slow sine that our servo follows within its rate); an integration tolerance of 1e-8.
+    """
+    peer = pytest.importorskip("shipmmg.mmg_3dof")
+    ship, speed, shaft = the(name)
+    ship = replace(ship, mmg=ship.mmg._replace(exponential_wake=True, x_G=0.0))
+    unit = ship.mmg.Lpp / speed
+    time = np.arange(6001) * unit / 150
+    delta = {
+        "starboard": np.full(len(time), math.radians(20)),
+        "port": np.full(len(time), math.radians(-35)),
+        "swinging": math.radians(20) * np.sin(2 * np.pi * time / (8 * unit)),
+    }[rudder]
+    start = start_states(0.0, 0.0, 0.0, speed)
+    start[0, 6] = delta[0]
+    ours = run_on(ship, start, delta[None, 1:], shaft, dt=time[1])[0]
+    theirs = shipmmg(peer, ship.mmg, time, delta, shaft, speed)
+    tolerance = 5e-3 if rudder == "swinging" else 1e-6
+    travelled = np.abs(np.diff(ours[:, 0] + 1j * ours[:, 1])).sum()
+    for column, row, scale in (
+        (3, 0, None),
+        (4, 1, None),
+        (5, 2, None),
+        (0, 3, travelled),
+        (1, 4, travelled),
+        (2, 5, 1.0),
+    ):
+        scale = np.abs(theirs[row]).max() if scale is None else scale
+        np.testing.assert_allclose(ours[:, column], theirs[row], rtol=0, atol=tolerance * scale)
+
+
+def shipmmg(peer, mmg, time, delta, shaft, speed):
+    """Rows u, v, r, x, y, psi of shipmmg's solution; its parameter objects are filled from the dimensionless ones."""
+    L, mass, unit = mmg.Lpp, mmg.rho * mmg.nabla, 0.5 * mmg.rho * mmg.Lpp**2 * mmg.d
+    basic = {
+        "L_pp": L,
+        "B": np.nan,
+        "d": mmg.d,
+        "x_G": mmg.x_G,
+        "D_p": mmg.D_P,
+        "m": mass,
+        "A_R": mmg.A_R,
+        "I_zG": mass * (mmg.kzz * L) ** 2,
+        "m_x": mmg.m_x * unit,
+        "m_y": mmg.m_y * unit,
+        "J_z": mmg.J_z * unit * L**2,
+        "η": mmg.D_P / mmg.H_R,
+        "f_α": mmg.f_alpha,
+        "\u03b5": mmg.epsilon,
+        "t_R": mmg.t_R,
+        "x_R": mmg.x_R * L,
+        "a_H": mmg.a_H,
+        "x_H": mmg.x_H * L,
+        "γ_R_minus": mmg.gamma_R_minus,
+        "γ_R_plus": mmg.gamma_R_plus,
+        "l_R": mmg.l_R,
+        "κ": mmg.kappa,
+        "t_P": mmg.t_P,
+        "w_P0": mmg.w_P0,
+        "x_P": mmg.x_P,
+    }
+    names = peer.Mmg3DofManeuveringParams.__dataclass_fields__
+    hull = {name: getattr(mmg, name.replace("k_", "k").replace("_dash", "")) for name in names}
+    solution = peer.simulate_mmg_3dof(
+        peer.Mmg3DofBasicParams(**basic),
+        peer.Mmg3DofManeuveringParams(**hull),
+        *(time, delta, np.full(len(time), shaft)),
+        u0=speed,
+        ρ=mmg.rho,
+        rtol=1e-8,
+        atol=1e-10,
+    )
+    return solution.sol(time)
+
+
+@pytest.mark.parametrize("side, degrees", [("stbd", 35), ("port", -35)])
+def test_turning_circle_of_kvlcc2_is_the_published_one(side, degrees):
+    """Oracle: Yasukawa & Yoshimura 2015, calculation; within 8 %, since their approach shaft speed is not known."""
+    published = tomllib.loads((REFERENCE / "kvlcc2_yasukawa_2015.toml").read_text())["calculation"]
+    indices, _ = turn("kvlcc2_l7", degrees)
+    assert indices.advance / 7 == pytest.approx(published[f"AD_{side}"], rel=0.08)
+    assert indices.tactical_diameter / 7 == pytest.approx(published[f"DT_{side}"], rel=0.08)
+
+
+@pytest.mark.parametrize("side, degrees", [("p10", 10), ("m10", -10)])
+def test_zigzag_of_kvlcc2_is_the_published_one(side, degrees):
+    """Oracle: Yasukawa & Yoshimura 2015, calculation; the first overshoot within 2 degrees."""
+    published = tomllib.loads((REFERENCE / "kvlcc2_yasukawa_2015.toml").read_text())["calculation"]
+    assert overshoots("kvlcc2_l7", degrees)[0] == pytest.approx(published[f"OSA1_{side}"], abs=2.0)
+
+
+@pytest.mark.parametrize("degrees", [35, -35])
+def test_turning_circle_of_cargo90_is_that_of_the_prototype(degrees):
+    """Oracle: an independent implementation, to the digits it printed."""
+    printed = tomllib.loads((REFERENCE / "cargo90_prototype.toml").read_text())["turn"][str(degrees)]
+    indices, voyage = turn("cargo90", degrees, dt=0.1)
+    assert indices.advance / 85 == pytest.approx(printed["AD"], abs=1e-4)
+    assert indices.transfer / 85 == pytest.approx(printed["TR"], abs=1e-4)
+    assert indices.tactical_diameter / 85 == pytest.approx(printed["DT"], abs=1e-4)
+    u, v, r = voyage.surge[-1], voyage.sway[-1], voyage.yaw_rate[-1]
+    assert math.hypot(u, v) / 5.916106 == pytest.approx(printed["U_ratio"], abs=1e-4)
+    assert math.degrees(math.atan2(-v, u)) == pytest.approx(printed["drift_deg"], abs=1e-4)
+    assert math.degrees(r) == pytest.approx(printed["r_deg_s"], abs=1e-4)
+    assert math.hypot(u, v) / abs(r) / 85 == pytest.approx(printed["steady_R_L"], abs=1e-4)
+
+
+@pytest.mark.parametrize("degrees", [10, -10, 20, -20])
+def test_zigzag_of_cargo90_is_that_of_the_prototype(degrees):
+    """Oracle: an independent implementation, to the digits it printed."""
+    printed = tomllib.loads((REFERENCE / "cargo90_prototype.toml").read_text())["zigzag"][str(degrees)]
+    np.testing.assert_allclose(
+        overshoots("cargo90", degrees, dt=0.1)[:2], [printed["OSA1"], printed["OSA2"]], atol=1e-4
+    )
+
+
+@pytest.mark.parametrize("name", SHIPS)
+def test_balanced_propeller_keeps_the_speed(name):
+    """Oracle: equilibrium; a straight ship neither gains nor loses speed."""
+    voyage = trial(name, straight(), lengths=20)
+    np.testing.assert_allclose(voyage.surge, voyage.surge[0], rtol=1e-12)
+    assert not voyage.sway.any() and not voyage.yaw_rate.any()
+
+
+def test_the_step_is_of_order_four():
+    """Oracle: the order of the classical Runge-Kutta method; halving the step divides the error by 16, here by 12 to 40."""
+    ship, _, shaft = the("cargo90")
+    start = np.array(
+        [[0, 0, 0.4, 5.0, -0.6, 0.012, math.radians(20)]]
+    )  # amid a turn, where all coefficients are smooth
+
+    def end(dt):
+        return run_on(ship, start, np.full((1, round(64 / dt)), math.radians(20)), shaft, dt=dt)[0, -1, :6]
+
+    exact = end(1 / 64)
+    errors = np.array([np.abs(end(dt) - exact) for dt in (4, 2, 1, 0.5)])
+    ratio = errors[:-1] / errors[1:]
+    assert np.all(ratio > 12) and np.all(ratio < 40)
+
+
+def test_the_rudder_is_the_servo_of_the_orders():
+    """Oracle: Orders.servo, exact for a limited rate; orders beyond the stop are held at it."""
+    ship, speed, shaft = the("cargo90")
+    time = np.arange(0, 300, 0.1)
+    orders = Orders(np.array([0.0, 20.0, 29.7, 80.0, 200.0]), np.radians([0.0, 35.0, -20.0, 50.0, 5.0]))
+    path = run_on(ship, start_states(0.0, 0.0, 0.0, speed), orders.at(time)[None, :-1], shaft)[0]
+    within = Orders(orders.times, np.clip(orders.values, -ship.rudder_max, ship.rudder_max))
+    np.testing.assert_allclose(path[:, 6], within.servo(time, 0.0, ship.rudder_rate), atol=1e-12)
+
+
+def test_a_current_carries_ship_and_water_alike():
+    """Oracle: Galilean invariance; seen from the water nothing changes, and the track drifts with the current."""
+    ship, speed, shaft = the("cargo90")
+    helm, start, current = turning_circle(0.4, 30.0), start_states(10.0, 20.0, 1.0, speed), np.array([0.7, -0.4])
+    calm = simulate(ship, helm, start, 600, shaft)[0]
+    moved = simulate(ship, helm, start, 600, shaft, current=current)[0]
+    np.testing.assert_allclose(moved.north, calm.north + current[0] * calm.time, atol=1e-9)
+    np.testing.assert_allclose(moved.east, calm.east + current[1] * calm.time, atol=1e-9)
+    np.testing.assert_allclose(moved.heading, calm.heading, atol=1e-12)
+    speeds = [(v.surge + 1j * v.sway) * np.exp(1j * v.heading) for v in (calm, moved)]
+    np.testing.assert_allclose(speeds[1] - speeds[0], complex(*current), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", SHIPS)
+def test_voyage_rates_are_derivatives(name):
+    """Oracle: central differences of the voyage's own positions and velocities, in a current, with their order of error."""
+    ship, speed, shaft = the(name)
+    unit = ship.mmg.Lpp / speed
+    start, current = start_states(0.0, 0.0, 0.3, speed), np.array([0.1, -0.07]) * speed
+    v = simulate(ship, turning_circle(0.3), start, 20 * unit, shaft, current=current, dt=unit / 400)[0]
+    inner = slice(600, -2)  # the rudder, which has a kink where it stops, has reached its order
+    for value, rate, scale in (
+        (v.north, v.surge * np.cos(v.heading) - v.sway * np.sin(v.heading), speed),
+        (v.east, v.surge * np.sin(v.heading) + v.sway * np.cos(v.heading), speed),
+        (v.heading, v.yaw_rate, 1 / unit),
+        (v.surge, v.surge_rate, speed / unit),
+        (v.sway, v.sway_rate, speed / unit),
+        (v.yaw_rate, v.yaw_acceleration, 1 / unit**2),
+    ):
+        np.testing.assert_allclose(np.gradient(value, v.time[1])[inner], rate[inner], rtol=0, atol=1e-5 * scale)
+
+
+@pytest.mark.parametrize("name", SHIPS)
+@pytest.mark.parametrize("degrees", [35, -10])
+def test_a_steady_turn_is_a_circle(name, degrees):
+    """Oracle: constant body velocity runs a circle about a fixed centre."""
+    _, v = turn(name, degrees)
+    late = v.time > 0.7 * v.time[-1]
+    centre = (
+        v.north + 1j * v.east + np.exp(1j * v.heading) * 1j * (v.surge + 1j * v.sway) / np.where(late, v.yaw_rate, 1)
+    )
+    radius = np.hypot(v.surge, v.sway)[-1] / abs(v.yaw_rate[-1])
+    np.testing.assert_allclose(centre[late], centre[-1], rtol=0, atol=1e-3 * radius)
+
+
+@pytest.mark.parametrize("name", SHIPS)
+def test_energy_falls_with_the_engine_stopped(name):
+    """Law: with the propeller stopped, no hull or rudder at any angle adds to the kinetic energy of ship and added mass."""
+    ship, speed, _ = the(name)
+    p, rng, n = ship.mmg, np.random.default_rng(1), 200
+    start = np.zeros((n, 7))
+    start[:, 3] = rng.uniform(0.3, 1, n) * speed
+    start[:, 4] = rng.uniform(-0.3, 0.3, n) * speed
+    start[:, 5] = rng.uniform(-0.4, 0.4, n) * speed / p.Lpp
+    start[:, 6] = rng.uniform(-1, 1, n) * ship.rudder_max
+    x = run_on(ship, start, np.repeat(start[:, 6:], 1000, axis=1), 0.0, dt=p.Lpp / speed / 20)
+    u, v, r = x[..., 3], x[..., 4], x[..., 5]
+    mass, unit = p.rho * p.nabla, 0.5 * p.rho * p.Lpp**2 * p.d
+    inertia = mass * (p.kzz * p.Lpp) ** 2 + p.x_G**2 * mass + p.J_z * unit * p.Lpp**2
+    energy = (mass + p.m_x * unit) * u**2 + (mass + p.m_y * unit) * v**2 + 2 * p.x_G * mass * v * r + inertia * r**2
+    assert np.all(np.diff(energy) < 0)
+
+
+def test_a_symmetric_ship_turns_alike_to_both_sides():
+    """Law: with gamma_R and C2 equal on both sides the mirrored start gives the mirrored motion, in mirrored wind too."""
+    ship, speed, shaft = the("cargo90")
+    ship = replace(ship, mmg=ship.mmg._replace(gamma_R_plus=ship.mmg.gamma_R_minus, C2_plus=ship.mmg.C2_minus))
+    start = np.array([[0.0, 0.0, 0.0, speed, 0.3, 0.004, 0.1]])
+    mirror = np.array([1, -1, -1, 1, -1, -1, -1.0])
+    order = np.radians(np.repeat([20.0, -35.0, 5.0], 1000))[None]
+    one = run_on(ship, start, order, shaft, wind=[-8.0, 5.0])
+    other = run_on(ship, start * mirror, -order, shaft, wind=[-8.0, -5.0])
+    np.testing.assert_allclose(other, one * mirror, rtol=1e-9, atol=1e-9)
+    unlike = run_on(ship, start * mirror, -order, shaft, wind=[-8.0, 5.0])
+    assert np.abs(unlike - one * mirror).max() > 1
+
+
+def test_a_free_body_turns_about_its_centre_of_gravity():
+    """Oracle: without any hydrodynamic force the centre of gravity runs straight at constant speed and the yaw rate is constant."""
+    ship, _, _ = the("kvlcc2_full")
+    keep = {name: getattr(ship.mmg, name) for name in ("rho", "Lpp", "d", "nabla", "x_G", "kzz", "D_P", "H_R")}
+    nothing = Mmg(**{name: keep.get(name, 0.0) for name in Mmg._fields if name != "exponential_wake"})
+    ship = replace(ship, mmg=nothing)
+    start = np.array([[5.0, -3.0, 0.3, 6.0, 1.0, 0.02, 0.0]])
+    x = run_on(ship, start, np.zeros((1, 3000)), 0.0)[0]
+    np.testing.assert_allclose(x[:, 5], 0.02, rtol=1e-9)
+    middle = x[:, 0] + 1j * x[:, 1] + keep["x_G"] * np.exp(1j * x[:, 2])
+    velocity = (6.0 + 1j * (1.0 + 0.02 * keep["x_G"])) * np.exp(0.3j)
+    np.testing.assert_allclose(middle, middle[0] + velocity * np.arange(3001) * 0.1, atol=1e-6)
+
+
+def test_wind_loads_are_blendermanns():
+    """Oracle: the formulas at the angles where they are plain: ahead, astern, abeam; and their mirror."""
+    air = Air(A_F=160.0, A_L=480.0, length=90.0, CDt=0.85, CDl_0=0.65, CDl_pi=0.55, delta=0.4, s_L=-4.0)
+    pressure = AIR_DENSITY / 2 * 10**2
+    np.testing.assert_allclose(_wind_load(air, 10.0, 0.0), [-pressure * 160 * 0.65, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(_wind_load(air, -10.0, 0.0), [pressure * 160 * 0.55, 0, 0], atol=1e-9)
+    abeam = pressure * 480 * 0.85
+    np.testing.assert_allclose(
+        _wind_load(air, 0.0, -10.0), [0, abeam, -4 * abeam], atol=1e-9
+    )  # from port, to starboard
+    side = np.array(_wind_load(air, 6.0, 8.0))
+    np.testing.assert_allclose(_wind_load(air, 6.0, -8.0), side * [1, -1, -1])
+    sine2 = 2 * 0.6 * 0.8
+    D = 1 - 0.2 * (1 - 0.65 * 160 / (0.85 * 480)) * sine2**2
+    np.testing.assert_allclose(side[:2], [-pressure * 160 * 0.65 * 0.6 / D, -pressure * 480 * 0.85 * 0.8 / D])
+
+
+def test_wind_pushes_from_where_it_comes():
+    """Law: wind from the west drives a ship that heads north to the east and leaves calm weather as it is."""
+    ship, speed, shaft = the("cargo90")
+    start = start_states(0.0, 0.0, 0.0, speed)
+    west = simulate(ship, straight(), start, 30, shaft, wind=[0.0, 12.0])[0]
+    ahead = simulate(ship, straight(), start, 30, shaft, wind=[-12.0, 0.0])[0]
+    assert west.sway[-1] > 0.01
+    assert west.truth()["wind_from_grid_rad"].iloc[0] == pytest.approx(1.5 * np.pi)
+    assert ahead.surge[-1] < speed - 0.01 and not ahead.sway.any()
+
+
+def test_known_orders_run_like_a_helm():
+    """Oracle: the step-by-step integration, bit by bit, with a current, wind and different shafts."""
+    ship, speed, shaft = the("cargo90")
+    start = start_states([0.0, 5.0], 0.0, [0.3, 2.0], speed)
+    helm = turning_circle(0.5, 10.0)
+    current, wind = [[0.2, 0.1], [0.0, -0.5]], [[3.0, 4.0], [0.0, 0.0]]
+    shafts = np.array([shaft, 0.8 * shaft])
+    voyages = simulate(ship, helm, start, 60, shafts, current, wind)
+    orders = np.array([voyage.order[:-1] for voyage in voyages])
+    paths = run_on(ship, start, orders, shafts[:, None], current, wind)
+    for voyage, path in zip(voyages, paths, strict=True):
+        np.testing.assert_array_equal(
+            np.column_stack([voyage.north, voyage.heading, voyage.rudder]), path[:, [0, 2, 6]]
+        )
+
+
+@pytest.mark.parametrize("speed", [4.0, -2.0])
+def test_a_ship_with_its_engine_stopped_runs_out(speed):
+    """Oracle: quadratic drag of hull and stopped propeller, u = u0 / (1 + k |u0| t), ahead and (by design) astern alike."""
+    ship, _, _ = the("cargo90")
+    p = ship.mmg
+    drag = p.Lpp * p.d * p.R_0 / 2 - (1 - p.t_P) * p.D_P**2 * p.k2 * (1 - p.w_P0) ** 2
+    k = drag / (p.nabla + p.m_x * p.Lpp**2 * p.d / 2)
+    path = run_on(ship, start_states(0.0, 0.0, 0.0, speed), np.zeros((1, 6000)), 0.0)[0]
+    np.testing.assert_allclose(path[:, 3], speed / (1 + k * abs(speed) * np.arange(6001) * 0.1), rtol=1e-9)
+    assert not path[:, 4:6].any()
+
+
+def test_rest_and_spin_stay_regular():
+    """Law: at rest with the engine stopped nothing moves; a spin on the spot dies out; from rest the engine drives ahead."""
+    ship, _, shaft = the("cargo90")
+    start = np.zeros((3, 7))
+    start[1, 5] = 0.05
+    path = run_on(ship, start, np.full((3, 6000), 0.3), np.array([[0.0], [0.0], [shaft]]))
+    assert np.isfinite(path).all()
+    assert not path[0, :, :6].any()
+    assert abs(path[1, -1, 5]) < 0.2 * 0.05
+    assert path[2, -1, 3] > 1
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"Y_v": None}, "vessel cargo90: mmg.Y_v is missing or not a number"),
+        ({"x_G": math.nan}, "vessel cargo90: mmg.x_G is missing or not a number"),
+        ({"nabla": -1.0}, "vessel cargo90: mmg.nabla = -1 must be positive"),
+        ({"w_P0": 1.2}, r"vessel cargo90: mmg.w_P0 = 1.2 must be in \[0, 1\)"),
+        ({"D_P": 5.0}, "vessel cargo90: mmg.D_P = 5 is larger than the rudder's span"),
+    ],
+)
+def test_a_wrong_coefficient_is_named(change, message):
+    """Oracle: the message names vessel and coefficient."""
+    vessel = load_vessel("cargo90")
+    with pytest.raises(InputError, match=message):
+        Ship.of(replace(vessel, mmg={**vessel.mmg, **change}))
+
+
+def test_what_cannot_be_simulated_is_said():
+    """Oracle: the messages."""
+    vessel = load_vessel("cargo90")
+    with pytest.raises(InputError, match="has no section mmg"):
+        Ship.of(replace(vessel, mmg=None))
+    with pytest.raises(InputError, match=r"wind\.A_L is missing"):
+        Ship.of(replace(vessel, wind={"A_F": 1.0}))
+    ship, start = Ship.of(replace(vessel, wind=None)), start_states(0.0, 0.0, 0.0, 5.0)
+    with pytest.raises(InputError, match="has no section wind"):
+        run_on(ship, start, np.zeros((1, 2)), 2.0, wind=[1.0, 0.0])
+    with pytest.raises(InputError, match="shaft speed of -1"):
+        run_on(ship, start, np.zeros((1, 2)), -1.0)
