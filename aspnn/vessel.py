@@ -29,6 +29,10 @@ KEYS = (
     "wind",
     "sources",
 )
+NOISE_KEYS = {
+    "sensors": ("position_m", "heading_deg", "yaw_rate_deg_s", "acceleration_m_s2"),
+    "process": ("jerk_density_m2_s5", "yaw_jerk_density_rad2_s5"),
+}
 
 
 @dataclass(frozen=True)
@@ -43,8 +47,8 @@ class Noise:
     heading: float = math.radians(0.5)
     yaw_rate: float = math.radians(0.01)
     acceleration: float = 0.01
-    jerk_density: float = 1e-6
-    yaw_jerk_density: float = 2e-8
+    jerk_density: float = 1.7e-6
+    yaw_jerk_density: float = 2.9e-9
 
 
 @dataclass(frozen=True)
@@ -92,12 +96,12 @@ class Vessel:
             "title": self.title,
             "dimensions": {"length_overall_m": self.length, "beam_m": self.beam, "draught_m": self.draught},
             "stations_m": {name: list(place) for name, place in self.stations.items()},
-            "rudder": {"max_deg": math.degrees(self.rudder_max), "rate_deg_s": math.degrees(self.rudder_rate)},
+            "rudder": {"max_deg": _degrees(self.rudder_max), "rate_deg_s": _degrees(self.rudder_rate)},
             "service": {"speed_m_s": self.service_speed},
             "sensors": {
                 "position_m": n.position,
-                "heading_deg": math.degrees(n.heading),
-                "yaw_rate_deg_s": math.degrees(n.yaw_rate),
+                "heading_deg": _degrees(n.heading),
+                "yaw_rate_deg_s": _degrees(n.yaw_rate),
                 "acceleration_m_s2": n.acceleration,
             },
             "process": {"jerk_density_m2_s5": n.jerk_density, "yaw_jerk_density_rad2_s5": n.yaw_jerk_density},
@@ -111,6 +115,13 @@ class Vessel:
     def with_stations(self, **stations: tuple[float, float]) -> "Vessel":
         """The same vessel with some stations added or replaced (an importer's antennas)."""
         return replace(self, stations={**self.stations, **stations})
+
+
+def _degrees(angle: float) -> float:
+    """Degrees that `math.radians` turns back into exactly `angle` [rad], so that a vessel read again is the same vessel."""
+    near = math.degrees(angle)
+    choices = (near, math.nextafter(near, -math.inf), math.nextafter(near, math.inf))
+    return next((degrees for degrees in choices if math.radians(degrees) == angle), near)
 
 
 def scaled_noise(length: float) -> Noise:
@@ -143,11 +154,15 @@ def from_dict(data: dict[str, Any], where: str = "vessel") -> Vessel:
         if key not in KEYS:
             near = get_close_matches(key, KEYS, 1)
             raise InputError(f"{where}: key {key} is not known{f', did you mean {near[0]}?' if near else ''}")
+        if key not in ("name", "title") and not isinstance(data[key], dict):
+            raise InputError(f"{where}: {key} must be an object of named values")
     if "name" not in data:
         raise InputError(f"{where}: key name is missing")
     length = number("dimensions", "length_overall_m")
     try:
         stations = {str(k): (float(v[0]), float(v[1])) for k, v in data.get("stations_m", {}).items()}
+        if not np.isfinite(list(stations.values())).all():
+            raise ValueError
     except (TypeError, ValueError, IndexError):
         raise InputError(f"{where}: stations_m must map each name to [x forward, y starboard] in metres") from None
     stations = {
@@ -162,19 +177,12 @@ def from_dict(data: dict[str, Any], where: str = "vessel") -> Vessel:
         )
     default = scaled_noise(length)
     sensors, process = data.get("sensors", {}), data.get("process", {})
-    known = {
-        "position_m",
-        "heading_deg",
-        "yaw_rate_deg_s",
-        "acceleration_m_s2",
-        "jerk_density_m2_s5",
-        "yaw_jerk_density_rad2_s5",
-    }
-    for key, value in (*sensors.items(), *process.items()):
-        if key not in known:
-            raise InputError(f"{where}: {key} is not a known noise (known: {', '.join(sorted(known))})")
-        if not (isinstance(value, int | float) and 0 < value < math.inf):
-            raise InputError(f"{where}: {key} = {value} must be a positive number")
+    for section, known in NOISE_KEYS.items():
+        for key, value in data.get(section, {}).items():
+            if key not in known:
+                raise InputError(f"{where}: {section}.{key} is not a known noise (known: {', '.join(known)})")
+            if not (isinstance(value, int | float) and 0 < value < math.inf):
+                raise InputError(f"{where}: {section}.{key} = {value} must be a positive number")
     noise = Noise(
         position=sensors.get("position_m", default.position),
         heading=math.radians(sensors["heading_deg"]) if "heading_deg" in sensors else default.heading,
@@ -214,8 +222,8 @@ def load_vessel(name: str | Path) -> Vessel:
             )
     try:
         data = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of a .json file") from None
     except ValueError as error:
         raise InputError(f"{path}: not JSON ({error})") from None
     if not isinstance(data, dict):
