@@ -5,13 +5,14 @@ import numpy as np
 
 def wrap(angle):
     """Smallest signed angle equivalent to `angle` [rad], in [-pi, pi). Any shape (erratum E28: mod(x + pi, 2 pi) - pi)."""
-    return np.mod(np.asarray(angle, dtype=float) + np.pi, 2 * np.pi) - np.pi
+    wrapped = np.mod(np.asarray(angle, dtype=float) + np.pi, 2 * np.pi) - np.pi
+    return wrapped - 2 * np.pi * (wrapped >= np.pi)  # mod of a tiny negative number rounds up to 2 pi
 
 
 def compass(angle):
     """Angle [rad] as a bearing in [0, 2 pi). Any shape."""
     bearing = np.mod(np.asarray(angle, dtype=float), 2 * np.pi)
-    return np.where(bearing >= 2 * np.pi, 0.0, bearing)  # mod of a tiny negative number rounds up to 2 pi
+    return bearing * (bearing < 2 * np.pi)  # mod of a tiny negative number rounds up to 2 pi
 
 
 def difference(a, b):

@@ -24,7 +24,7 @@ class Zone:
     def parse(text: str) -> "Zone":
         """Zone from text such as 33N or 56S (a band letter is not accepted, since S is one too). Raises InputError."""
         text = text.strip().upper()
-        if text[-1:] not in ("N", "S") or not text[:-1].isdigit() or not 1 <= int(text[:-1]) <= 60:
+        if text[-1:] not in ("N", "S") or not text[:-1].isdecimal() or not 1 <= int(text[:-1]) <= 60:
             raise InputError(f"zone {text!r} is not a UTM zone; write a number from 1 to 60 and N or S, such as 33N")
         return Zone(int(text[:-1]), text[-1] == "N")
 
@@ -32,7 +32,7 @@ class Zone:
     def of(latitude: float, longitude: float) -> "Zone":
         """The standard zone of a position [rad]; 6 degrees wide, without the Norwegian and Svalbard exceptions."""
         degrees = (np.degrees(longitude) + 180.0) % 360.0
-        return Zone(int(degrees // 6) + 1, bool(latitude >= 0))
+        return Zone(int(degrees // 6) % 60 + 1, bool(latitude >= 0))  # % of a tiny negative number rounds up to 360
 
     def __str__(self) -> str:
         return f"{self.number}{'N' if self.north else 'S'}"
@@ -67,8 +67,9 @@ def convergence(latitude, longitude, zone: Zone):
     latitude, longitude = np.broadcast_arrays(np.asarray(latitude, float), np.asarray(longitude, float))
     known = np.isfinite(latitude) & np.isfinite(longitude)
     gamma = np.full(latitude.shape, np.nan)
-    factors = _projection(zone).get_factors(np.degrees(longitude[known]), np.degrees(latitude[known]))
-    gamma[known] = np.radians(factors.meridian_convergence)
+    if known.any():  # get_factors refuses empty arrays
+        factors = _projection(zone).get_factors(np.degrees(longitude[known]), np.degrees(latitude[known]))
+        gamma[known] = np.radians(factors.meridian_convergence)
     return gamma
 
 
@@ -89,13 +90,14 @@ def attitude(roll, pitch, yaw):
 
     R_psi R_theta R_phi with R_psi = [[c, -s, 0], [s, c, 0], [0, 0, 1]] (thesis 3.21, corrected: E9).
     """
+    roll, pitch, yaw = np.broadcast_arrays(roll, pitch, yaw)
     cf, sf, ct, st, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
     rows = [
         [cp * ct, cp * st * sf - sp * cf, cp * st * cf + sp * sf],
         [sp * ct, sp * st * sf + cp * cf, sp * st * cf - cp * sf],
         [-st, ct * sf, ct * cf],
     ]
-    return np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def station_velocity(surge, sway, yaw_rate, station):

@@ -25,6 +25,7 @@ from aspnn.schema import InputError
 from aspnn.vessel import Vessel, from_dict
 
 KEY = b"aspnn"
+SAME_EPOCH = 1e-6  # s; rows closer than this are one epoch whose time was rounded in two ways
 
 
 @dataclass(frozen=True)
@@ -206,7 +207,7 @@ def read_states(path: str | Path) -> States:
 
 def read_truth(log: Log) -> pd.DataFrame | None:
     """The truth written beside a simulated log (`X.truth.parquet`), or None where there is none."""
-    path = Path(log.path).with_suffix("").with_suffix(".truth.parquet") if log.path else None
+    path = Path(log.path).with_name(f"{Path(log.path).stem}.truth.parquet") if log.path else None
     if path is None or not path.exists():
         return None
     table, _ = read_table(path)
@@ -275,10 +276,11 @@ def check_log(log: Log, where: str = "log") -> None:
         where,
         table,
         "time_s",
-        steps < 0,
+        steps <= -SAME_EPOCH,
         lambda row: f"time runs back by {-steps[row]:g} s; sort the rows or cut the log there",
     )
-    _first(where, table, "time_s", steps == 0, lambda row: "the epoch stands twice; drop one of the two rows")
+    twice = np.abs(steps) < SAME_EPOCH
+    _first(where, table, "time_s", twice, lambda row: "the epoch stands twice; drop one of the two rows")
     for name in table.columns:
         low, high = LIMITS.get(re_ending(name), (-np.inf, np.inf))
         value = table[name].to_numpy(float)

@@ -40,17 +40,23 @@ class Path:
         return region_of(self.pivot, length)
 
     def at(self, time) -> "Path":
-        """The path at `time` [s] from the start, by linear interpolation; outside the horizon it ends in NaN."""
+        """The path at `time` [s] from the start, linear between steps; outside the horizon it is NaN.
+
+        The pivot point is that of the nearest step, since it may jump through infinity between two.
+        """
         time = np.atleast_1d(np.asarray(time, float))
-        place = np.interp(time, self.time, np.arange(len(self.time)), left=np.nan, right=np.nan)
+        tolerance = 1e-9 * max(1.0, abs(float(self.time[-1])))
+        inside = (time >= self.time[0] - tolerance) & (time <= self.time[-1] + tolerance)
+        place = np.where(inside, np.interp(time, self.time, np.arange(len(self.time))), np.nan)
         lower = np.clip(np.nan_to_num(place).astype(int), 0, len(self.time) - 2)
         part = place - lower
 
         def between(values):
             return values[..., lower] * (1 - part) + values[..., lower + 1] * part
 
-        names = ("north", "east", "heading", "surge", "sway", "yaw_rate", "pivot")
-        return replace(self, time=time, **{name: between(getattr(self, name)) for name in names})
+        nearest = np.where(inside, self.pivot[..., np.where(part > 0.5, lower + 1, lower)], np.nan)
+        names = ("north", "east", "heading", "surge", "sway", "yaw_rate")
+        return replace(self, time=time, pivot=nearest, **{name: between(getattr(self, name)) for name in names})
 
     def __getitem__(self, index) -> "Path":
         """One path (or some) of a batch."""

@@ -59,4 +59,6 @@ def region_pivot(sway_bow, sway_stern, x_bow: float, x_stern: float, length: flo
     sway, yaw_rate = two_station_motion(sway_bow, sway_stern, x_bow, x_stern)
     with np.errstate(divide="ignore", invalid="ignore"):
         exact = np.where(yaw_rate != 0, -sway / yaw_rate, np.where(sway > 0, -np.inf, np.inf))
-    return REGION_CENTRES[(region_of(exact, length) + 7).astype(int)] * (length / 8)
+    region = region_of(exact, length)
+    place = REGION_CENTRES[np.nan_to_num(region + 7).astype(int)] * (length / 8)
+    return np.where(np.isnan(region), np.nan, place)
