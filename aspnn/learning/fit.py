@@ -220,7 +220,8 @@ def fit(
     last = folder / "resume" / "last.ckpt"
     with warnings.catch_warnings():
         warnings.filterwarnings(
-            "ignore", message=".*(num_workers|LeafSpec|litlogger|log_every_n_steps|exists and is not empty).*"
+            "ignore",
+            message=".*(num_workers|validation_step|LeafSpec|litlogger|log_every_n_steps|exists and is not empty).*",
         )
         trainer = lightning.Trainer(
             accelerator="cpu",

@@ -12,7 +12,7 @@ from aspnn.learning.features import forcing, history
 from aspnn.learning.windows import WIND_MEMORY, start_wind
 from aspnn.motion import Path, integrate, region_map_path, two_station_motion
 from aspnn.orders import Plan
-from aspnn.prediction.plan import Orderable, check_plan, make_plan
+from aspnn.prediction.plan import Orderable, make_plan
 from aspnn.records import States
 from aspnn.schema import InputError
 
@@ -58,8 +58,6 @@ class GruPredictor:
         bundle, spec, vessel = self.bundle, self.bundle.spec, self.bundle.vessel
         check_vessel(states, bundle)
         rows = np.asarray(rows, int)
-        for plan in plans:
-            check_plan(plan, vessel)
         past = history(states, rows, spec.inputs, spec.history_steps, spec.period)
         if "rudder_order" in spec.inputs:
             past[:, -1, spec.inputs.index("rudder_order")] = [plan.rudder.at(0.0) for plan in plans]
