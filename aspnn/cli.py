@@ -15,6 +15,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # the boxes would double the time of --help
 )
 
 Out = Annotated[Path, typer.Option("--out", help="Folder that receives the files.")]

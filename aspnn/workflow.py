@@ -28,7 +28,7 @@ def silent(things: Iterable, what: str, count: int) -> Iterable:
 def simulate_files(
     scenario: str | Path, out: str | Path, voyages: int | None = None, seed: int | None = None, watch: Watch = silent
 ) -> list[Path]:
-    """Simulate a scenario into `out`: one log and one truth file per voyage, and `manifest.json`. Returns the logs."""
+    """Simulate a scenario into `out`: a log and its truth per voyage, and NAME.manifest.json. Returns the logs."""
     plan = read_scenario(scenario)
     count = plan.voyages if voyages is None else voyages
     made = [
@@ -40,7 +40,7 @@ def simulate_files(
         "seed": plan.seed if seed is None else seed,
         "files": {path.name: records.sha256(path) for path in made},
     }
-    with records.atomic(Path(out) / "manifest.json") as temporary:
+    with records.atomic(Path(out) / f"{plan.name}.manifest.json") as temporary:
         temporary.write_text(json.dumps(manifest, indent=1) + "\n")
     return made
 
@@ -135,7 +135,7 @@ def evaluate_files(
 
     Writes the HTML report and metrics.json where named, and returns the Evaluation. Raises InputError.
     """
-    from aspnn.evaluation.evaluate import evaluate, write_metrics
+    from aspnn.evaluation.evaluate import Predicts, evaluate, write_metrics
     from aspnn.evaluation.oracle import Oracle
     from aspnn.evaluation.reference import Voyage
     from aspnn.evaluation.report import write_report
@@ -158,7 +158,7 @@ def evaluate_files(
             log = records.read_log(file)
             yield Voyage.of(log, filter_log(log), smooth_log)
 
-    predictors = [*learned, *baselines(vessel, rule.horizon)]
+    predictors: list[Predicts] = [*learned, *baselines(vessel, rule.horizon)]
     result = evaluate(predictors, voyages(), rule, seed, Oracle.of if oracle else None)
     if metrics:
         write_metrics(result, metrics)

@@ -77,7 +77,7 @@ class Ratio:
     high: float
 
     def __str__(self) -> str:
-        return f"{self.value:.3g} ({self.low:.3g} to {self.high:.3g})"
+        return f"{self.value:.2g} ({self.low:.2g} to {self.high:.2g})"
 
 
 def paired_ratios(values: np.ndarray, against: int, voyage: np.ndarray, seed: int, draws: int = 1000) -> list[Ratio]:

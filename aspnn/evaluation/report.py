@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 WORDS = {
-    "caa_ctra": "kinematic: accelerations held, turn rate and acceleration along the course (CTRA)",
-    "caa_cmm": "kinematic: accelerations held, curvilinear motion (CMM)",
+    "caa_ctra": "kinematic: accelerations of surge, sway and yaw held (CAA and CTRA)",
+    "caa_cmm": "kinematic: accelerations along and across the course, and of yaw, held (CAA and CMM)",
     "constant": "surge, sway and yaw rate held: the arc of bridge displays",
     "oracle": "the true simulator run on from the filtered state: the limit",
 }
@@ -135,7 +135,7 @@ def _headline(evaluation: Evaluation, group: str) -> dict[str, Any]:
         "group": group,
         "title": TITLES[group],
         "n": len(evaluation.rows(group)),
-        "against": [f"to {name}" + (", the best baseline" if name in BASELINES else "") for name in against],
+        "against": [f"to {name}" + (" (best baseline)" if name in BASELINES else "") for name in against],
         "rows": rows,
     }
 

@@ -3,7 +3,8 @@
 The recordings are those of Wakita et al. 2022 (doi 10.1007/s00773-021-00867-1) and Miyauchi et al. 2022
 (doi 10.1007/s00773-022-00889-3), CC BY-NC 4.0. What is odd in them is handled here, and counted in the log's notes:
 
-- Position and heading are *held* for up to 2.5 s and then catch up. Held samples are dropped; what follows is no jump.
+- Position and heading are *held* for up to 2.5 s, together or one alone, and then catch up. A sample that repeats the one
+  before it to the last bit is dropped; what follows is no jump.
 - Steps beyond what the ship can do that follow no hold are GNSS jumps: counted here, rejected by the filter's gate.
 - Velocities u and v are about 1 s late in the earth frame: not taken, the filter finds them from position and heading.
 - The yaw rate of some runs is about 1 s late: its lag against the heading is estimated, and a late one is dropped.
@@ -58,7 +59,7 @@ def _log(file: Path) -> Log:
     time, position = table[TIME].to_numpy(), table[[NORTH, EAST]].to_numpy(float, copy=True)
     heading, yaw_rate = table[HEADING].to_numpy(float, copy=True), table[YAW_RATE].to_numpy(float)
     held = np.concatenate([[False], (np.diff(position, axis=0) == 0).all(axis=1)])
-    held_heading = held & np.concatenate([[False], np.diff(heading) == 0])
+    held_heading = np.concatenate([[False], np.diff(heading) == 0])
     lag = yaw_rate_lag(time, heading, yaw_rate, ~held_heading)
     position[held], heading[held_heading] = np.nan, np.nan
     notes: dict[str, Any] = {

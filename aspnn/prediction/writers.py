@@ -60,13 +60,14 @@ def to_geojson(path: Path, states: States, predictor: str, outline_every: float 
 
     Raises InputError for a log in local coordinates, which have no place on the globe.
     """
-    if states.zone is None:
+    zone = states.zone
+    if zone is None:
         raise InputError(
             f"{states.path or 'states'}: positions are local, GeoJSON needs latitude and longitude; use json or csv"
         )
 
     def points(north, east) -> list[list[float]]:
-        latitude, longitude = to_geodetic(north, east, states.zone)
+        latitude, longitude = to_geodetic(north, east, zone)
         return np.round(np.degrees(np.column_stack([longitude, latitude])), 8).tolist()
 
     def feature(kind: str, coordinates: list, properties: dict[str, Any]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ RECORDINGS = Path(__file__).parents[2] / "../shared/data/esso_osaka"
 def run(seconds=60.0, late=0.0) -> pd.DataFrame:
     """A run with the columns of the recordings: 0.4 m/s, yaw rate swinging by 3 deg/s with a period of 17 s."""
     time = np.arange(0, seconds, 0.1)
-    swing = lambda t: np.radians(3) * np.sin(2 * np.pi * t / 17)  # noqa: E731
+    swing = lambda t: np.radians(3) * np.sin(2 * np.pi * t / 17 + 0.3)  # noqa: E731
     path = integrate((2.0, 1.0, 0.3), np.stack([0.4 + 0 * time, -0.3 * swing(time), swing(time)], -1), 0.1)
     columns = {
         esso_osaka.TIME: time,
