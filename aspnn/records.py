@@ -20,11 +20,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from aspnn import schema
-from aspnn.frames import Zone
+from aspnn.frames import Zone, to_grid
 from aspnn.schema import InputError
 from aspnn.vessel import Vessel, from_dict
 
 KEY = b"aspnn"
+FASTEST = 60.0  # m/s; no ship keeps it up over SUSTAINED fixes in a row (a single jump is for the filter's gate)
+SUSTAINED = 50
 SAME_EPOCH = 1e-6  # s; rows closer than this are one epoch whose time was rounded in two ways
 
 
@@ -308,6 +310,37 @@ def check_log(log: Log, where: str = "log") -> None:
             raise InputError(
                 f"{where}: antenna {antenna} has no station in the vessel; add stations_m.{antenna} = [x, y]"
             )
+        _check_speed(log, antenna, where)
+
+
+def _check_speed(log: Log, antenna: str, where: str) -> None:
+    """Refuse fixes in a row that no ship can reach from one another.
+
+    Every step must be too fast, which a jump is not, and so must all of them together, which noise is not.
+    """
+    table, zone = log.table, log.zone
+    if f"{antenna}_north_m" in table:
+        north, east = (table[f"{antenna}_{axis}_m"].to_numpy(float) for axis in ("north", "east"))
+    else:
+        latitude, longitude = (np.radians(table[f"{antenna}_{axis}_deg"]) for axis in ("latitude", "longitude"))
+        north, east = to_grid(latitude, longitude, zone)  # type: ignore[arg-type]
+    place = north + 1j * east
+    known = np.flatnonzero(np.isfinite(place))
+    known = known[np.diff(place[known], prepend=np.nan) != 0]  # a recorder may repeat the last fix
+    length = min(SUSTAINED, len(known) - 1)
+    if length < 3:
+        return
+    time, place = table["time_s"].to_numpy(float)[known], place[known]
+    fast = np.abs(np.diff(place)) > FASTEST * np.diff(time)
+    far = np.abs(place[length:] - place[:-length]) > FASTEST * (time[length:] - time[:-length])
+    bad = far & (np.convolve(fast, np.ones(length), "valid") > length - 0.5)
+    if bad.any():
+        first = int(np.argmax(bad))
+        speed = abs(place[first + length] - place[first]) / (time[first + length] - time[first])
+        raise InputError(
+            f"{where}: row {known[first]} (time {time[first]:g} s): antenna {antenna} moves at {speed:.4g} m/s over "
+            f"{length} fixes in a row; check the unit of time, and the units and the order of the positions' columns"
+        )
 
 
 def re_ending(column: str) -> str:

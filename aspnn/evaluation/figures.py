@@ -36,8 +36,17 @@ def tracks_figure(case: Example, vessel: Vessel, file: str | FilePath, kinematic
         _hulls(axes, path.at(case.hulls), vessel, colour, filled)
         label = name if error is None else f"{name}: {_metres(error)} off after {case.reference.time[-1]:.0f} s"
         axes.plot(path.east, path.north, color=colour, linewidth=1.4, label=label)
-    for time, north, east in zip(case.hulls[1:], *_beside(case, vessel, baseline), strict=True):
-        axes.annotate(f"{time:.0f} s", (east, north), color="#57606a", fontsize=8, ha="center", va="center")
+    main = case.paths[case.main].at(case.hulls[1:])
+    labels = _beside(case, vessel, baseline)
+    sides = np.where(labels[1] < case.reference.at(case.hulls[1:]).east, "right", "left")
+    for time, pivot, region, north, east, side in zip(
+        case.hulls[1:], main.pivot, main.region(vessel.length), *labels, sides, strict=True
+    ):
+        where = "pivot undefined" if np.isnan(pivot) else f"pivot {pivot:+.0f} m, region {region:+.0f}"
+        axes.annotate(f"{time:.0f} s\n{where}", (east, north), color="#57606a", fontsize=7.5, ha=side, va="center")
+    near = np.where(np.abs(main.pivot) < vessel.length, main.pivot, np.nan)
+    north, east = to_north_east(near, 0.0, main.heading)
+    axes.plot(main.east + east, main.north + north, "x", color=MAIN, markersize=6, label="its pivot point")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("east of the start [m]")
     axes.set_ylabel("north of the start [m]")
@@ -68,7 +77,7 @@ def _beside(case: Example, vessel: Vessel, baseline: str | None) -> tuple[np.nda
     at, end = case.reference.at(case.hulls[1:]), case.reference
     other = case.paths[baseline] if baseline is not None else end
     _, cross = to_body(other.north[-1] - end.north[-1], other.east[-1] - end.east[-1], end.heading[-1])
-    north, east = to_north_east(0.0, (-1 if cross > 0 else 1) * (0.5 * vessel.beam + 0.22 * vessel.length), at.heading)
+    north, east = to_north_east(0.0, (-1 if cross > 0 else 1) * (0.5 * vessel.beam + 0.2 * vessel.length), at.heading)
     return at.north + north, at.east + east
 
 

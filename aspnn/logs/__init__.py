@@ -1,5 +1,7 @@
 """Recorded logs into the canonical form. Each importer returns checked logs; writing them is the caller's business."""
 
+from aspnn.logs.csv_map import import_csv
 from aspnn.logs.esso_osaka import import_esso_osaka
+from aspnn.logs.nmea import import_nmea0183
 
-__all__ = ["import_esso_osaka"]
+__all__ = ["import_csv", "import_esso_osaka", "import_nmea0183"]

@@ -1,17 +1,17 @@
 """Scenarios: a TOML file that says which ship does what, where, in which weather and under which sensors."""
 
 import math
-import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from aspnn import __version__
 from aspnn.angles import compass
+from aspnn.config import read_toml
 from aspnn.frames import Zone, convergence, to_grid
 from aspnn.guidance.helms import (
     Helm,
@@ -156,27 +156,9 @@ class Scenario(BaseModel):
     sensors: Sensors = Sensors()
 
 
-KINDS = ("straight", "turning-circle", "zigzag", "williamson", "random-orders")
-
-
 def read_scenario(path: str | Path) -> Scenario:
     """Scenario from a TOML file. Raises InputError, one line that names the file, the key and what is wrong with it."""
-    path = Path(path)
-    try:
-        data = tomllib.loads(path.read_text())
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not TOML ({error})") from None
-    try:
-        return Scenario.model_validate({"name": path.stem, **data})
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"] if part not in KINDS)
-        reason = first["msg"].removeprefix("Value error, ")
-        if first["type"] == "extra_forbidden" or first["type"] == "unexpected_keyword_argument":
-            reason = "is not a known key"
-        raise InputError(f"{path}: {key}: {reason[:1].lower()}{reason[1:]}") from None
+    return read_toml(path, Scenario, name=Path(path).stem)
 
 
 def simulate_scenario(

@@ -125,7 +125,7 @@ def test_files_hold_log_and_truth_apart(given, tmp_path):
 @pytest.mark.parametrize(
     "change, message",
     [
-        (('vessel = "cargo90"', ""), "vessel: field required"),
+        (('vessel = "cargo90"', ""), "vessel: is missing"),
         (("seed = 7", "sede = 7"), "sede: is not a known key"),
         (("speed_kn = 11.5", 'speed_kn = "fast"'), "start.speed_kn"),
         (('zone = "33N"', 'zone = "33W"'), "start.zone: zone '33W' is not a UTM zone"),
@@ -136,7 +136,7 @@ def test_files_hold_log_and_truth_apart(given, tmp_path):
         (("wind_kn = 10", "wind_kn = [1, 2, 3]"), "environment.wind_kn"),
         (("[environment]", "[sensors]\nfog = 1\n[environment]"), "sensors.fog: is not a known key"),
         (("[environment]", "[sensors]\nheading_hz = -1\n[environment]"), "sensors.heading_hz: input should be"),
-        (("[start]", "[start"), "not TOML"),
+        (("[start]", "[start"), "cannot be read as TOML"),
     ],
 )
 def test_a_wrong_scenario_is_one_line_with_file_and_key(given, change, message):

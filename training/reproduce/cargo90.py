@@ -1,6 +1,6 @@
 """The results table of the README: flagship and thesis network, three seeds each, on 60 unseen voyages of cargo90.
 
-    python training/reproduce/cargo90.py [--seeds 1 2 3] [--voyages 60] [--out runs/cargo90_seeds] [--json FILE]
+    python training/reproduce/cargo90.py [--seeds 1 2 3] [--voyages 60] [--out runs/cargo90_seeds] [--json FILE] [--figure FILE]
 
 Trains what is not trained yet in `--out` (a flagship takes 1 to 2 minutes, a thesis network 3 to 5), evaluates each pair on
 the same windows beside baselines and oracle, and prints medians over seeds with their lowest and highest.
@@ -15,6 +15,8 @@ import numpy as np
 
 from aspnn.cli import say, watch
 from aspnn.evaluation.evaluate import metrics
+from aspnn.evaluation.examples import examples
+from aspnn.evaluation.figures import tracks_figure
 from aspnn.schema import InputError
 from aspnn.workflow import evaluate_files, simulate_files, train
 
@@ -36,6 +38,7 @@ def main() -> None:
     options.add_argument("--voyages", type=int, default=60)
     options.add_argument("--out", type=Path, default=Path("runs/cargo90_seeds"))
     options.add_argument("--json", type=Path)
+    options.add_argument("--figure", type=Path, help="picture of the first flagship's 95th percentile window")
     given = options.parse_args()
     logs = simulate_files(ROOT / "data/scenarios/cargo90-test.toml", given.out / "logs", given.voyages, watch=watch)
     found = []
@@ -44,7 +47,10 @@ def main() -> None:
             train(ROOT / f"training/{name}.toml", given.out / f"{name}-{seed}", seed, watch=watch)
             for name in ("cargo90", "cargo90-thesis")
         ]
-        found.append(metrics(evaluate_files(pair, logs, watch=watch))["predictors"])
+        result = evaluate_files(pair, logs, watch=watch)
+        found.append(metrics(result)["predictors"])
+        if given.figure and len(found) == 1:
+            tracks_figure(examples(result)[1], result.vessel, given.figure)  # not the typical window: the 95th percentile
         say(False, f"seed {seed} evaluated on {given.voyages} voyages")
     if given.json:
         given.json.write_text(json.dumps(dict(zip(given.seeds, found, strict=True)), indent=1) + "\n")
