@@ -221,7 +221,7 @@ def fit(
     with warnings.catch_warnings():
         warnings.filterwarnings(
             "ignore",
-            message=".*(num_workers|validation_step|LeafSpec|litlogger|log_every_n_steps|exists and is not empty).*",
+            message=".*(num_workers|validation_step|dirpath|LeafSpec|litlogger|log_every_n_steps|exists and is not empty).*",
         )
         trainer = lightning.Trainer(
             accelerator="cpu",
