@@ -41,4 +41,5 @@ def _estimate(log: Log, engine, smoothed: bool) -> States:
         source=log.source,
         voyage=log.voyage,
         smoothed=smoothed,
+        path=log.path,
     )
