@@ -1,7 +1,7 @@
 """The `aspnn` command: parse, call, print. No numerics here, and nothing heavy is imported before a command runs."""
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -190,10 +190,10 @@ def info(thing: Annotated[Path, typer.Argument(help="Checkpoint folder, log or s
         say(False, line)
 
 
-def main() -> None:
-    """Run the command. What a user got wrong is one line on standard error and exit code 2."""
+def guarded(run: Callable[[], Any]) -> None:
+    """Run a command or a script. What a user got wrong is one line on standard error and exit code 2."""
     try:
-        app()
+        run()
     except InputError as error:
         sys.stderr.write(f"error: {error}\n")
         sys.exit(2)
@@ -203,6 +203,11 @@ def main() -> None:
     except KeyboardInterrupt:
         sys.stderr.write("stopped\n")
         sys.exit(130)
+
+
+def main() -> None:
+    """The `aspnn` command."""
+    guarded(app)
 
 
 if __name__ == "__main__":

@@ -153,18 +153,30 @@ def evaluate_files(
             f"checkpoint {short[0].name} predicts {short[0].horizon:g} s, this evaluation needs {rule.horizon:g} s"
         )
 
+    names: set[str] = set()
+
     def voyages() -> Iterator[Voyage]:
         for file in watch(files, "evaluating", len(files)):
             log = records.read_log(file)
+            names.add(log.voyage)
             yield Voyage.of(log, filter_log(log), smooth_log)
 
     predictors: list[Predicts] = [*learned, *baselines(vessel, rule.horizon)]
     result = evaluate(predictors, voyages(), rule, seed, Oracle.of if oracle else None)
+    result = replace(result, warnings=tuple(line for p in learned for line in _leaks(p.bundle, names)))
     if metrics:
         write_metrics(result, metrics)
     if report:
         write_report(result, report, training_curves(checkpoints), _notes(learned))
     return result
+
+
+def _leaks(bundle, names: set[str]) -> Iterator[str]:
+    """A line on test voyages that a checkpoint was trained or validated on: its figures would flatter it."""
+    taught = names & {*bundle.provenance["training_voyages"], *bundle.provenance["validation_voyages"]}
+    if taught:
+        some = ", ".join(sorted(taught)[:3]) + (", ..." if len(taught) > 3 else "")
+        yield f"{len(taught)} of {len(names)} voyages taught {bundle.name} ({some}); its errors on them say nothing of new ones"
 
 
 def training_curves(checkpoints: Sequence[str | Path]) -> dict[str, pd.DataFrame]:

@@ -5,10 +5,9 @@ validation.safetensors, each with its WindowSpec inside, and the states where as
 """
 
 import argparse
-import sys
 from pathlib import Path
 
-from aspnn.schema import InputError
+from aspnn.cli import guarded
 from aspnn.workflow import filter_files, window_files
 
 
@@ -26,8 +25,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    guarded(main)

@@ -7,19 +7,17 @@ shipped checkpoint, since its 300-step GRUs take longer to train than to judge.
 """
 
 import argparse
-import sys
 import time
 from pathlib import Path
 
-from aspnn.cli import say, watch
+from aspnn.cli import guarded, say, watch
 from aspnn.evaluation.evaluate import table
-from aspnn.schema import InputError
 from aspnn.workflow import evaluate_files, simulate_files, train
 
 ROOT = Path(__file__).parents[1]
 
 
-def main() -> int:
+def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--voyages", type=int, default=20, help="test voyages, half an hour each")
     options.add_argument("--out", type=Path, default=Path("runs/demo"))
@@ -39,11 +37,7 @@ def main() -> int:
     result = evaluate_files(beside, logs, report, metrics, watch=watch)
     say(False, table(result))
     step(f"report: {report}   metrics: {metrics}   checkpoint: {checkpoint}")
-    return 0
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except InputError as error:
-        sys.exit(f"error: {error}")
+    guarded(main)

@@ -4,12 +4,10 @@ The same call as `aspnn evaluate`, for evaluation scripts and job queues.
 """
 
 import argparse
-import sys
 from pathlib import Path
 
-from aspnn.cli import say
+from aspnn.cli import guarded, say
 from aspnn.evaluation.evaluate import table
-from aspnn.schema import InputError
 from aspnn.workflow import evaluate_files
 
 
@@ -25,8 +23,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    guarded(main)

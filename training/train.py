@@ -4,10 +4,9 @@ The same call as `aspnn train`, for job queues that want a script.
 """
 
 import argparse
-import sys
 from pathlib import Path
 
-from aspnn.schema import InputError
+from aspnn.cli import guarded
 from aspnn.workflow import train
 
 
@@ -22,8 +21,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    guarded(main)

@@ -61,6 +61,7 @@ class Evaluation:
     data: tuple[dict[str, Any], ...]
     left_out: dict[str, str]
     seed: int
+    warnings: tuple[str, ...] = ()  # what a reader must know before believing the figures
 
     @property
     def main(self) -> str:
@@ -287,6 +288,7 @@ def table(evaluation: Evaluation) -> "Table":
 
     horizon = evaluation.rule.horizon
     caption = [reference_note(evaluation), "Position in m, heading absolute in deg: median / 95th percentile."]
+    caption += [f"[bold red]Warning: {warning}[/bold red]" for warning in evaluation.warnings]
     caption += [f"{name} left out: {reason}" for name, reason in evaluation.left_out.items()]
     shown = Table(title=f"Errors after {horizon:g} s", caption="\n".join(caption), caption_justify="left")
     shown.add_column("predictor", no_wrap=True)

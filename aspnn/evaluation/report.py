@@ -92,6 +92,7 @@ def render(evaluation: Evaluation, curves: Mapping[str, pd.DataFrame], notes: Ma
         details=[_details(evaluation, group) for group in groups],
         definitions=definitions(evaluation.rule),
         left_out=evaluation.left_out,
+        warnings=evaluation.warnings,
         excluded=sum((Counter(entry["excluded"]) for entry in evaluation.data), Counter()),
         windows=len(evaluation.windows),
         data=evaluation.data,

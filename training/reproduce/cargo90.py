@@ -8,16 +8,14 @@ the same windows beside baselines and oracle, and prints medians over seeds with
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 
-from aspnn.cli import say, watch
+from aspnn.cli import guarded, say, watch
 from aspnn.evaluation.evaluate import metrics
 from aspnn.evaluation.examples import examples
 from aspnn.evaluation.figures import tracks_figure
-from aspnn.schema import InputError
 from aspnn.workflow import evaluate_files, simulate_files, train
 
 ROOT = Path(__file__).parents[2]
@@ -50,7 +48,9 @@ def main() -> None:
         result = evaluate_files(pair, logs, watch=watch)
         found.append(metrics(result)["predictors"])
         if given.figure and len(found) == 1:
-            tracks_figure(examples(result)[1], result.vessel, given.figure)  # not the typical window: the 95th percentile
+            tracks_figure(
+                examples(result)[1], result.vessel, given.figure
+            )  # not the typical window: the 95th percentile
         say(False, f"seed {seed} evaluated on {given.voyages} voyages")
     if given.json:
         given.json.write_text(json.dumps(dict(zip(given.seeds, found, strict=True)), indent=1) + "\n")
@@ -67,8 +67,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    guarded(main)

@@ -9,7 +9,6 @@ doi 10.1007/s00773-022-00889-3): the networks stay in runs/.
 """
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from aspnn import records
-from aspnn.cli import say
+from aspnn.cli import guarded, say
 from aspnn.estimation import filter_log, smooth_log
 from aspnn.evaluation.evaluate import Evaluation, evaluate, table, write_metrics
 from aspnn.evaluation.reference import Voyage
@@ -30,7 +29,6 @@ from aspnn.orders import Plan
 from aspnn.prediction import baselines
 from aspnn.prediction.gru import GruPredictor
 from aspnn.records import Log, States
-from aspnn.schema import InputError
 
 CONFIG = Path(__file__).parents[1] / "esso_osaka.toml"
 
@@ -113,8 +111,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    guarded(main)
