@@ -77,7 +77,8 @@ class Ratio:
     high: float
 
     def __str__(self) -> str:
-        return f"{self.value:.2g} ({self.low:.2g} to {self.high:.2g})"
+        value, low, high = (f"{x:.0f}" if x >= 99.5 else f"{x:.2g}" for x in (self.value, self.low, self.high))
+        return f"{value} ({low} to {high})"
 
 
 def paired_ratios(values: np.ndarray, against: int, voyage: np.ndarray, seed: int, draws: int = 1000) -> list[Ratio]:
