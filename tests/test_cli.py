@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from safetensors.numpy import load_file
 
 from aspnn import cli, records
 from aspnn.evaluation.windows import Rule
@@ -115,6 +116,18 @@ def test_training_repeats_bit_by_bit(place, tmp_path):
     )
     first, second = (records.sha256(p / "checkpoint" / "model.safetensors") for p in (place / "run", tmp_path / "run"))
     assert first == second == records.sha256(tmp_path / "copy" / "model.safetensors")
+
+
+def test_members_are_the_seeds_that_follow(place, tmp_path):
+    """Oracle: single trainings with those seeds; an ensemble of two holds exactly their weights."""
+    config = place / "two.toml"
+    config.write_text(TRAINING.replace("latent = 8", "latent = 8\nmembers = 2"))
+    assert run("train", config, "--out", tmp_path / "two", "--quiet")[0] == 0
+    assert run("train", place / "small.toml", "--seed", 2, "--out", tmp_path / "second", "--quiet")[0] == 0
+    both = load_file(tmp_path / "two" / "checkpoint" / "model.safetensors")
+    for k, folder in enumerate((place / "run", tmp_path / "second")):
+        alone = load_file(folder / "checkpoint" / "model.safetensors")
+        assert all(np.array_equal(both[f"members.{k}.{name}"], values) for name, values in alone.items())
 
 
 def test_evaluate_writes_metrics_in_the_agreed_form(place, tmp_path, monkeypatch, capsys):

@@ -14,14 +14,18 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import nn
 
-from aspnn.learning.network import RolloutGru, RolloutSizes, ThesisGru, ThesisSizes
+from aspnn.learning.network import RolloutEnsemble, RolloutGru, RolloutSizes, ThesisGru, ThesisSizes
 from aspnn.learning.windows import WindowSpec
 from aspnn.records import atomic, sha256
 from aspnn.schema import InputError
 from aspnn.vessel import Vessel, from_dict
 
 FORMAT = 1
-KINDS: dict[str, tuple[type, type]] = {"rollout": (RolloutGru, RolloutSizes), "thesis": (ThesisGru, ThesisSizes)}
+KINDS: dict[str, tuple[type, type]] = {
+    "rollout": (RolloutGru, RolloutSizes),
+    "ensemble": (RolloutEnsemble, RolloutSizes),
+    "thesis": (ThesisGru, ThesisSizes),
+}
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,7 @@ class Bundle:
 
 
 def build(kind: str, sizes: dict[str, Any]) -> nn.Module:
-    """A network of a kind (`rollout`, `thesis`) from the plain data of its sizes. Raises InputError."""
+    """A network of a kind (`rollout`, `ensemble`, `thesis`) from the plain data of its sizes. Raises InputError."""
     if kind not in KINDS:
         raise InputError(f"network kind {kind} is not known; choose among {', '.join(KINDS)}")
     module, size = KINDS[kind]

@@ -55,6 +55,7 @@ class RolloutNet(BaseModel):
     kind: Literal["rollout"]
     latent: int = Field(48, ge=4, le=1024)
     wind: bool = False
+    members: int = Field(1, ge=1, le=20)  # trained one by one, with seeds that follow each other; the mean predicts
     position_tolerance_m: Pair
     heading_tolerance_deg: Pair
     velocity_tolerance_m_s: float = Field(gt=0)

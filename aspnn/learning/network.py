@@ -110,6 +110,7 @@ class RolloutSizes:
     period: float
     wind: bool = False
     latent: int = 48
+    members: int = 1  # of an ensemble
 
 
 class RolloutGru(nn.Module):
@@ -178,6 +179,18 @@ class RolloutGru(nn.Module):
             motion = torch.addmm(torch.addmm(motion + bias, hidden, out), seen, direct)
             found.append(motion)
         return self.to_velocities(self.motion.undo(torch.stack(found, dim=1)))
+
+
+class RolloutEnsemble(nn.Module):
+    """The mean of several roll-out GRUs that differ by their seeds alone: where recordings are few, seeds differ much."""
+
+    def __init__(self, sizes: RolloutSizes):
+        super().__init__()
+        self.sizes = sizes
+        self.members = nn.ModuleList(RolloutGru(sizes) for _ in range(sizes.members))
+
+    def forward(self, history: Tensor, forcing: Tensor, wind: Tensor) -> Tensor:
+        return torch.stack([member(history, forcing, wind) for member in self.members]).mean(dim=0)
 
 
 def path_of(velocities: Tensor, period: float, x_bow: float, x_stern: float) -> Tensor:

@@ -18,7 +18,7 @@ from aspnn.estimation import filter_log, smooth_log
 from aspnn.learning import fit
 from aspnn.learning.checkpoint import Bundle
 from aspnn.learning.config import RolloutNet, ThesisNet, Training
-from aspnn.learning.network import RolloutGru, RolloutSizes, ThesisGru, ThesisSizes, flat_range
+from aspnn.learning.network import RolloutEnsemble, RolloutGru, RolloutSizes, ThesisGru, ThesisSizes, flat_range
 from aspnn.learning.windows import Windows, concatenate, make_windows, starts
 from aspnn.records import Log
 from aspnn.schema import InputError
@@ -97,21 +97,30 @@ def _chosen(
 def train_bundle(training: Training, material: Material, folder: Path, quiet: bool = False) -> Bundle:
     """Train the network of a training file on its material. `folder` gets curves, logs and what a killed run needs."""
     _start_run(folder, training, material.facts)
-    torch.manual_seed(training.fit.seed)
     settings = fit.FitSettings(**training.fit.model_dump())
     windows, net = material.train, training.network
-    network: ThesisGru | RolloutGru
+    network: ThesisGru | RolloutGru | RolloutEnsemble
     if isinstance(net, ThesisNet):
+        torch.manual_seed(settings.seed)
         network = _thesis(net, windows)
         for which, name in enumerate(windows.spec.targets):
             loss, title = fit.thesis_loss(which), f"training {name}"
             fit.fit(network, loss, windows, material.validation, settings, folder / name, title, quiet)
     else:
-        network = _rollout(net, windows, material.vessel)
         start, growth = net.heading_tolerance_deg
         heading = math.radians(start), math.radians(growth)
         loss = fit.path_loss(fit.Tolerance(net.position_tolerance_m, heading, net.velocity_tolerance_m_s))
-        fit.fit(network, loss, windows, material.validation, settings, folder / "rollout", "training", quiet)
+        members = []
+        for k in range(net.members):
+            own = replace(settings, seed=settings.seed + k)
+            torch.manual_seed(own.seed)
+            members.append(_rollout(net, windows, material.vessel))
+            name = "rollout" if k == 0 else f"rollout-{k + 1}"
+            fit.fit(members[k], loss, windows, material.validation, own, folder / name, f"training {name}", quiet)
+        network = members[0]
+        if net.members > 1:
+            network = RolloutEnsemble(members[0].sizes)
+            network.members = torch.nn.ModuleList(members)
     return Bundle(
         name=training.name,
         network=network,
@@ -145,7 +154,9 @@ def _rollout(net: RolloutNet, windows: Windows, vessel: Vessel) -> RolloutGru:
     surge, bow_sway, stern_sway = (spec.inputs.index(name) for name in spec.targets)
     now = surge, bow_sway, stern_sway
     bow, stern = vessel.sway_stations
-    sizes = RolloutSizes(len(spec.inputs), len(spec.forcings), now, bow, stern, spec.period, net.wind, net.latent)
+    sizes = RolloutSizes(
+        len(spec.inputs), len(spec.forcings), now, bow, stern, spec.period, net.wind, net.latent, net.members
+    )
     network = RolloutGru(sizes)
     history, forcing, target, wind = (
         torch.from_numpy(getattr(windows, n)) for n in ("history", "forcing", "target", "wind")
@@ -167,8 +178,11 @@ def _start_run(folder: Path, training: Training, facts: dict[str, Any]) -> None:
     run = json.dumps({"training": _plain(training), "data": facts["data_sha256"]}, indent=1)
     note = folder / "run.json"
     if note.exists() and note.read_text() != run:
-        for name in ("checkpoint", "rollout", "surge", "sway_bow", "sway_stern"):
-            shutil.rmtree(folder / name, ignore_errors=True)
+        for old in (
+            *folder.glob("rollout*"),
+            *(folder / name for name in ("checkpoint", "surge", "sway_bow", "sway_stern")),
+        ):
+            shutil.rmtree(old, ignore_errors=True)
     with records.atomic(note) as temporary:
         temporary.write_text(run)
 

@@ -1,10 +1,22 @@
 """The networks against motion.path, hand-written gates, published sizes, and the laws that a forecast keeps."""
 
+from dataclasses import asdict, replace
+
 import numpy as np
 import pytest
 import torch
 
-from aspnn.learning.network import Affine, RolloutGru, RolloutSizes, ThesisGru, ThesisSizes, flat_range, path_of
+from aspnn.learning.checkpoint import build
+from aspnn.learning.network import (
+    Affine,
+    RolloutEnsemble,
+    RolloutGru,
+    RolloutSizes,
+    ThesisGru,
+    ThesisSizes,
+    flat_range,
+    path_of,
+)
 from aspnn.motion import integrate, two_station_motion
 
 SIZES = RolloutSizes(inputs=4, forcings=1, now=(0, 1, 2), x_bow=35.0, x_stern=-35.0, period=1.0, wind=True, latent=8)
@@ -108,3 +120,16 @@ def test_affine_maps_the_extremes_and_leaves_constants():
     affine.set(*flat_range(values))
     torch.testing.assert_close(affine(values), torch.tensor([[-1.0, 0], [1.0, 0], [0.5, 0]]))
     torch.testing.assert_close(affine.undo(affine(values)), values)
+
+
+def test_ensemble_is_the_mean_of_its_members(batch):
+    """Law: the ensemble's velocities are the members' mean, and its weights load into an ensemble of the same sizes."""
+    torch.manual_seed(3)
+    ensemble = RolloutEnsemble(replace(SIZES, members=3)).eval()
+    with torch.inference_mode():
+        each = [member(*batch) for member in ensemble.members]
+        torch.testing.assert_close(ensemble(*batch), (each[0] + each[1] + each[2]) / 3)
+        assert not torch.equal(each[0], each[1])
+        other = build("ensemble", asdict(ensemble.sizes)).eval()
+        other.load_state_dict(ensemble.state_dict())
+        assert torch.equal(other(*batch), ensemble(*batch))
