@@ -2,7 +2,7 @@
 
     python training/reproduce/cargo90.py [--seeds 1 2 3] [--voyages 60] [--out runs/cargo90_seeds] [--json FILE] [--figure FILE]
 
-Trains what is not trained yet in `--out` (a flagship takes 1 to 2 minutes, a thesis network 3 to 5), evaluates each pair on
+Trains what is not trained yet in `--out` (a flagship takes 2 to 3 minutes, a thesis network about 5), evaluates each pair on
 the same windows beside baselines and oracle, and prints medians over seeds with their lowest and highest.
 """
 
