@@ -1,10 +1,36 @@
 """The two filters in a row, CAA then CTRA: from a log to navigation states, filtered or smoothed."""
 
+from dataclasses import dataclass
+
 from aspnn.estimation import compiled
-from aspnn.estimation.measurements import from_log
-from aspnn.estimation.models import heading_problem, motion_problem
+from aspnn.estimation.compiled import Run
+from aspnn.estimation.exact import heading_problem, motion_problem
+from aspnn.estimation.measurements import Measurements, from_log
+from aspnn.estimation.problem import Problem
 from aspnn.estimation.states import table
 from aspnn.records import Log, States, check_log
+
+
+@dataclass(frozen=True)
+class Cascade:
+    """What the two filters made of a log: its measurements, then problem and run of CAA and of CTRA."""
+
+    measurements: Measurements
+    turn: Problem
+    turning: Run
+    motion: Problem
+    moving: Run
+
+
+def run_cascade(log: Log, engine=compiled) -> Cascade:
+    """Both filters over a log, CTRA on the filtered heading and yaw rate. Raises InputError for a wrong log."""
+    check_log(log, log.path or "log")
+    m, vessel = from_log(log), log.vessel
+    size = vessel.service_speed, vessel.length
+    turn = heading_problem(m, vessel.noise, *size)
+    turning = engine.run(turn)
+    motion = motion_problem(m, vessel.noise, turning.mean, turning.covariance, *size)
+    return Cascade(m, turn, turning, motion, engine.run(motion))
 
 
 def filter_log(log: Log, engine=compiled) -> States:
@@ -12,7 +38,9 @@ def filter_log(log: Log, engine=compiled) -> States:
 
     `engine` is a module with `run` and `smooth`: `compiled`, or `reference` (filterpy).
     """
-    return _estimate(log, engine, smoothed=False)
+    c = run_cascade(log, engine)
+    heading, motion = (c.turning.mean, c.turning.covariance), (c.moving.mean, c.moving.covariance)
+    return _states(log, table(log, c.measurements, heading, motion, c.moving, c.turning), smoothed=False)
 
 
 def smooth_log(log: Log, engine=compiled) -> States:
@@ -20,22 +48,20 @@ def smooth_log(log: Log, engine=compiled) -> States:
 
     CAA is smoothed first; CTRA runs again on the smoothed heading and yaw rate, and is smoothed.
     """
-    return _estimate(log, engine, smoothed=True)
-
-
-def _estimate(log: Log, engine, smoothed: bool) -> States:
     check_log(log, log.path or "log")
     m, vessel = from_log(log), log.vessel
     size = vessel.service_speed, vessel.length
-    problem = heading_problem(m, vessel.noise, *size)
-    turning = engine.run(problem)
-    heading = engine.smooth(problem, turning) if smoothed else (turning.mean, turning.covariance)
-    problem = motion_problem(m, vessel.noise, heading[0], heading[1], *size)
-    moving = engine.run(problem)
-    motion = engine.smooth(problem, moving) if smoothed else (moving.mean, moving.covariance)
+    turn = heading_problem(m, vessel.noise, *size)
+    heading = engine.smooth(turn, engine.run(turn))
+    motion = motion_problem(m, vessel.noise, *heading, *size)
+    moving = engine.run(motion)
+    return _states(log, table(log, m, heading, engine.smooth(motion, moving), moving, None), smoothed=True)
+
+
+def _states(log: Log, table, smoothed: bool) -> States:
     return States(
-        table=table(log, m, heading, motion, moving, None if smoothed else turning),
-        vessel=vessel,
+        table=table,
+        vessel=log.vessel,
         zone=log.zone,
         start=log.start,
         source=log.source,

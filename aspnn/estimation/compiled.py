@@ -21,8 +21,9 @@ class Run:
     """What a filter makes of a problem of n epochs, d states and b measurement blocks.
 
     Means (n, d) and covariances (n, d, d), before (`predicted`) and after (`mean`, `covariance`) the measurements of
-    each epoch; `innovation` (n, b, 2), NaN where missing; `nis` (n, b), NaN where missing; `fate` (n, b) as named in
-    `problem`; the log-likelihood, in which a gated block counts no worse than the gate.
+    each epoch; `innovation` (n, b, 2) and `whitened` (n, b, 2), which is L^-1 of it with L L' its covariance (E30), NaN where
+    missing; `nis` (n, b), NaN where missing; `fate` (n, b) as named in `problem`; the log-likelihood, in which a gated
+    block counts no worse than the gate.
     """
 
     predicted: np.ndarray
@@ -30,6 +31,7 @@ class Run:
     mean: np.ndarray
     covariance: np.ndarray
     innovation: np.ndarray
+    whitened: np.ndarray
     nis: np.ndarray
     fate: np.ndarray
     log_likelihood: float
@@ -40,7 +42,7 @@ def _filter_of(d: int):
 
     @njit(cache=True, error_model="numpy")
     def kalman(time, x0, P0, F, Q, H, span, z, R, angle, gated, place, rate, gate, patience, out):
-        xp, Pp, xf, Pf, innovation, nis, fate = out
+        xp, Pp, xf, Pf, innovation, whitened, nis, fate = out
         n, blocks = z.shape[0], z.shape[1]
         x, P, A, h = x0.copy(), P0.copy(), np.empty((d, d)), np.zeros((2, d))
         G, K, W = np.empty((d, 2)), np.empty((d, 2)), np.empty((d, 2))
@@ -123,6 +125,12 @@ def _filter_of(d: int):
                 likelihood -= 0.5 * (rows * np.log(2 * np.pi) + np.log(determinant) + min(square, worst))
                 innovation[k, b, 0] = y0 if have0 else np.nan
                 innovation[k, b, 1] = y1 if have1 else np.nan
+                root = np.sqrt(s00)
+                low_left = s01 / root
+                if have0:
+                    whitened[k, b, 0] = y0 / root
+                if have1:
+                    whitened[k, b, 1] = (y1 - low_left * y0 / root) / np.sqrt(s11 - low_left**2)
                 nis[k, b] = square
                 fate[k, b] = taken
                 if taken == REJECTED:
@@ -171,6 +179,7 @@ def run(problem: Problem) -> Run:
         np.empty((n, d, d)),
         np.empty((n, d)),
         np.empty((n, d, d)),
+        np.full((n, blocks, 2), np.nan),
         np.full((n, blocks, 2), np.nan),
         np.full((n, blocks), np.nan),
         np.full((n, blocks), MISSING, np.int8),

@@ -15,7 +15,8 @@ def run(problem: Problem) -> Run:
     filters = {rows: KalmanFilter(dim_x=d, dim_z=rows) for rows in (1, 2)}  # filterpy fixes dim_z per filter
     predicted, means = np.empty((2, n, d))
     predicted_covariance, covariances = np.empty((2, n, d, d))
-    innovation, nis = np.full((n, blocks, 2), np.nan), np.full((n, blocks), np.nan)
+    innovation, whitened = np.full((2, n, blocks, 2), np.nan)
+    nis = np.full((n, blocks), np.nan)
     fate = np.full((n, blocks), MISSING, np.int8)
     likelihood, last, rejections = 0.0, p.time[0], 0
     x, P = p.x0, p.P0
@@ -47,6 +48,7 @@ def run(problem: Problem) -> Run:
             counted = min(square, GATE[rows]) if p.gated[b] else square
             likelihood -= 0.5 * (rows * np.log(2 * np.pi) + np.linalg.slogdet(S)[1] + counted)
             innovation[k, b, have], nis[k, b], fate[k, b] = y, square, taken
+            whitened[k, b, have] = np.linalg.solve(np.linalg.cholesky(S), y)
             if taken == REJECTED:
                 rejections += 1
                 continue
@@ -57,7 +59,7 @@ def run(problem: Problem) -> Run:
             kf.update(H @ x + y, R=R, H=H)  # the innovation of an angle is y, not z - H x
             x, P = kf.x, kf.P
         means[k], covariances[k] = x, P
-    return Run(predicted, predicted_covariance, means, covariances, innovation, nis, fate, likelihood)
+    return Run(predicted, predicted_covariance, means, covariances, innovation, whitened, nis, fate, likelihood)
 
 
 def smooth(problem: Problem, run: Run) -> tuple[np.ndarray, np.ndarray]:

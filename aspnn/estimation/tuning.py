@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from aspnn.estimation import compiled
 from aspnn.estimation.measurements import from_log
-from aspnn.estimation.models import heading_problem, motion_problem
+from aspnn.estimation.exact import heading_problem, motion_problem
 from aspnn.records import Log
 from aspnn.schema import InputError
 from aspnn.vessel import Noise, Vessel

@@ -15,7 +15,7 @@ from filterpy.kalman import KalmanFilter
 
 from aspnn.estimation import compiled, filter_log
 from aspnn.estimation.measurements import from_log
-from aspnn.estimation.models import heading_problem, motion_problem, transition, white_jerk
+from aspnn.estimation.exact import heading_problem, motion_problem, transition, white_jerk
 from aspnn.simulation import Scenario, simulate_scenario
 
 PLAIN = 6000  # epochs that the plain loop runs over

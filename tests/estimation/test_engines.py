@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from aspnn.estimation import compiled, reference
 from aspnn.estimation.measurements import from_log
-from aspnn.estimation.models import heading_problem, motion_problem
+from aspnn.estimation.exact import heading_problem, motion_problem
 from aspnn.estimation.problem import MISSING, REACQUIRED, REJECTED, USED
 
 
@@ -65,6 +65,7 @@ def test_compiled_equals_filterpy(voyage):
         np.testing.assert_array_less(apart, 1e-9)
         np.testing.assert_array_equal(fast.fate, plain.fate)
         np.testing.assert_allclose(fast.nis, plain.nis, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(fast.whitened, plain.whitened, rtol=1e-6, atol=1e-9)
         np.testing.assert_allclose(fast.predicted, plain.predicted, rtol=1e-9, atol=1e-9)
         assert fast.log_likelihood == pytest.approx(plain.log_likelihood, rel=1e-9)
         fates |= set(fast.fate.ravel())
