@@ -21,6 +21,9 @@ app = typer.Typer(
 Out = Annotated[Path, typer.Option("--out", help="Folder that receives the files.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Logs = Annotated[list[Path], typer.Argument(help="Canonical logs: files or folders.", show_default=False)]
+NoiseFile = Annotated[
+    Path | None, typer.Option("--noise", help="Noise file (of `aspnn tune`) in place of the vessel's noise and delays.")
+]
 Checkpoint = Annotated[Path, typer.Argument(help="Checkpoint folder.", show_default=False)]
 
 
@@ -30,6 +33,7 @@ class Format(StrEnum):
     csv = "csv"
     nmea0183 = "nmea0183"
     esso_osaka = "esso-osaka"
+    n2k_yacht = "n2k-yacht"
 
 
 class Shape(StrEnum):
@@ -84,12 +88,13 @@ def import_(
     vessel: Annotated[
         str | None, typer.Option(help="Vessel in place of the map's: a packaged name or a .json file.")
     ] = None,
+    noise: NoiseFile = None,
     quiet: Quiet = False,
 ) -> None:
     """Bring recorded logs into the canonical form."""
     from aspnn.workflow import import_files, silent
 
-    for path, notes in import_files(format.value, sources, out, map, vessel, silent if quiet else watch):
+    for path, notes in import_files(format.value, sources, out, map, vessel, silent if quiet else watch, noise):
         say(quiet, f"{path}: {notes}")
 
 
@@ -100,13 +105,34 @@ def filter_(
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Write the smoothed states too (labels, never inputs).")
     ] = False,
+    noise: NoiseFile = None,
     quiet: Quiet = False,
 ) -> None:
     """Filter logs into navigation states."""
     from aspnn.workflow import filter_files, silent
 
-    made = filter_files(logs, out, smooth, silent if quiet else watch)
+    made = filter_files(logs, out, smooth, silent if quiet else watch, noise, lambda line: say(quiet, line))
     say(quiet, f"{len(made)} state files in {out}")
+
+
+@app.command()
+def tune(
+    logs: Logs,
+    out: Annotated[Path, typer.Option("--out", help="Noise file (JSON) to write.", show_default=False)],
+    sensors: Annotated[bool, typer.Option("--sensors", help="Tune the sensors' standard deviations too.")] = False,
+    delays: Annotated[bool, typer.Option("--delays", help="Estimate how late the sensors are.")] = False,
+    heading: Annotated[
+        bool, typer.Option("--heading-offset", help="Estimate what the compass reads too much (two antennas).")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Tune a vessel's noise on its logs by maximum likelihood: a noise file for --noise."""
+    from aspnn.estimation.noise_file import table
+    from aspnn.workflow import silent, tune_files
+
+    tuning = tune_files(logs, out, sensors, delays, heading, silent if quiet else watch)
+    say(quiet, table(tuning))
+    say(quiet, f"log-likelihood per epoch {tuning.before:.4f} before, {tuning.after:.4f} after; written: {out}")
 
 
 @app.command()
@@ -158,6 +184,29 @@ def evaluate(
     for path in (report, json):
         if path:
             say(quiet, f"written: {path}")
+
+
+@app.command()
+def consistency(
+    logs: Logs,
+    report: Annotated[Path | None, typer.Option(help="HTML report to write.")] = None,
+    json: Annotated[Path | None, typer.Option("--json", help="JSON file to write.")] = None,
+    runs: Annotated[
+        int, typer.Option(help="Monte Carlo runs per log, sensor noise drawn anew (simulated logs only).", min=0)
+    ] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the Monte Carlo.", min=0)] = 0,
+    noise: NoiseFile = None,
+    quiet: Quiet = False,
+) -> None:
+    """Judge the filters on logs: are innovations and errors as large and as random as they say?"""
+    from aspnn.evaluation.consistency_report import table
+    from aspnn.workflow import consistency_files, silent
+
+    result = consistency_files(logs, report, json, runs, seed, silent if quiet else watch, noise)
+    for path in (report, json):
+        if path:
+            say(quiet, f"written: {path}")
+    say(quiet, table(result))  # its last lines are the verdict
 
 
 @app.command()

@@ -9,8 +9,8 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +77,6 @@ class States:
 
     def until(self, time: float) -> "States":
         """The states known at `time` [s]: everything up to and including it."""
-        from dataclasses import replace
-
         rows = int(np.searchsorted(self["time_s"], time + 1e-9, side="right"))
         if rows == 0:
             raise InputError(
@@ -141,10 +139,7 @@ def read_table(path: str | Path) -> tuple[pd.DataFrame, dict[str, Any]]:
             return pd.read_csv(path, comment="#"), metadata
         data = pq.read_table(path)
     except (pa.ArrowException, OSError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(
-            f"{path}: cannot be read, it is damaged or of another format ({reason}); write it again"
-        ) from None
+        raise _damaged(path, error) from None
     return data.to_pandas(), json.loads((data.schema.metadata or {}).get(KEY, b"{}"))
 
 
@@ -170,8 +165,20 @@ def write_states(states: States, path: str | Path) -> None:
     write_table(states.table, path, {**_metadata(states, "states"), "smoothed": states.smoothed})
 
 
-def _head(path: Path, kind: str) -> tuple[pd.DataFrame, dict[str, Any], dict[str, Any]]:
-    table, metadata = read_table(path)
+def write_state_blocks(states: States, tables: Iterable[pd.DataFrame], path: str | Path) -> None:
+    """Write `tables`, one after the other, as the table of `states` (whose own is left out), as Parquet, atomically."""
+    metadata = {KEY: json.dumps({**_metadata(states, "states"), "smoothed": states.smoothed}).encode()}
+    with atomic(path) as temporary, contextlib.ExitStack() as stack:
+        writer = None
+        for table in tables:
+            data = pa.Table.from_pandas(table, preserve_index=False).replace_schema_metadata(metadata)
+            if writer is None:
+                writer = stack.enter_context(pq.ParquetWriter(temporary, data.schema, compression="zstd"))
+            writer.write_table(data)
+
+
+def _head(path: Path, kind: str, metadata: dict[str, Any]) -> dict[str, Any]:
+    """What logs and states share, from the metadata of a file. Raises InputError unless it is of `kind`."""
     if "vessel" not in metadata:
         raise InputError(
             f"{path}: has no metadata of a {kind}; bring it in with `aspnn import csv {path} --map MAP.toml`"
@@ -179,7 +186,7 @@ def _head(path: Path, kind: str) -> tuple[pd.DataFrame, dict[str, Any], dict[str
     if metadata.get("kind") != kind:
         raise InputError(f"{path}: holds {metadata.get('kind')}, expected {kind}")
     zone = metadata.get("zone")
-    shared = {
+    return {
         "vessel": from_dict(metadata["vessel"], str(path)),
         "zone": Zone.parse(zone) if zone else None,
         "start": metadata.get("start", ""),
@@ -187,22 +194,65 @@ def _head(path: Path, kind: str) -> tuple[pd.DataFrame, dict[str, Any], dict[str
         "voyage": metadata.get("voyage") or path.stem,
         "path": str(path),
     }
-    return table, metadata, shared
 
 
 def read_log(path: str | Path) -> Log:
     """Read and check a canonical log. Raises InputError naming file, row and column of the first thing that is wrong."""
     path = Path(path)
-    table, metadata, shared = _head(path, "log")
-    log = Log(table=table, notes=metadata.get("notes", {}), **shared)
+    table, metadata = read_table(path)
+    log = Log(table=table, notes=metadata.get("notes", {}), **_head(path, "log", metadata))
     check_log(log, str(path))
     return log
+
+
+def read_blocks(path: str | Path, rows: int) -> tuple[Log, int, Callable[[], Iterator[pd.DataFrame]]]:
+    """A canonical log to be read in blocks of `rows`: the log without its rows, their number, and what yields the blocks.
+
+    Of a Parquet file no more than a block is in memory; a CSV file is read whole. Nothing is checked yet: see `check_blocks`.
+    """
+    path = Path(path)
+    if path.suffix == ".csv" or not path.exists() or path.stat().st_size == 0:
+        log = read_log(path)
+        table = log.table
+        return replace(log, table=table.iloc[:0]), len(table), lambda: _slices(table, rows)
+    with _opened(path) as file:
+        metadata = json.loads((file.schema_arrow.metadata or {}).get(KEY, b"{}"))
+        table, count = file.schema_arrow.empty_table().to_pandas(), file.metadata.num_rows
+    log = Log(table=table, notes=metadata.get("notes", {}), **_head(path, "log", metadata))
+    return log, count, lambda: _batches(path, rows)
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[pq.ParquetFile]:
+    """A Parquet file, read page by page. Raises InputError that names a damaged one."""
+    try:
+        with pq.ParquetFile(path, buffer_size=1 << 16, pre_buffer=False) as file:
+            yield file
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise _damaged(path, error) from None
+
+
+def _damaged(path: Path, error: Exception) -> InputError:
+    reason = str(error).splitlines()[0]
+    return InputError(f"{path}: cannot be read, it is damaged or of another format ({reason}); write it again")
+
+
+def _batches(path: Path, rows: int) -> Iterator[pd.DataFrame]:
+    with _opened(path) as file:
+        for batch in file.iter_batches(rows, use_threads=False):
+            yield batch.to_pandas()
+
+
+def _slices(table: pd.DataFrame, rows: int) -> Iterator[pd.DataFrame]:
+    for start in range(0, len(table), rows):
+        yield table.iloc[start : start + rows]
 
 
 def read_states(path: str | Path) -> States:
     """Read states written by `write_states`. Raises InputError naming the file."""
     path = Path(path)
-    table, metadata, shared = _head(path, "states")
+    table, metadata = read_table(path)
+    shared = _head(path, "states", metadata)
     schema.check(table, schema.STATES, str(path))
     return States(table=table, smoothed=bool(metadata.get("smoothed")), **shared)
 
@@ -262,36 +312,69 @@ def check_log(log: Log, where: str = "log") -> None:
 
     Raises InputError that names `where`, the row (counted from 0, as the table counts), time, column and the remedy.
     """
+    for _ in check_blocks(log, len(log.table), [log.table], where):
+        pass
+
+
+def check_blocks(log: Log, rows: int, blocks: Iterable[pd.DataFrame], where: str = "log") -> Iterator[pd.DataFrame]:
+    """The `blocks` of a log's `rows`, each as soon as it is found to keep the contract together with those before it.
+
+    Raises InputError as `check_log` does.
+    """
+    schema.check(log.table, schema.LOG, where)
+    if rows < 2:
+        raise InputError(f"{where}: holds {rows} rows, at least 2 are needed")
+    before, numbers, seen = None, np.empty(0, int), 0
+    for block in blocks:
+        numbers = np.concatenate([numbers, np.arange(seen, seen + len(block))])
+        seen += len(block)
+        known = block if before is None else pd.concat([before, block])
+        together = replace(log, table=known.reset_index(drop=True))
+        _check_rows(together, where, numbers, seen >= rows)
+        if seen < rows:
+            kept = _recent(together)
+            before, numbers = together.table.iloc[kept], numbers[kept]
+        yield block
+
+
+def _recent(log: Log) -> np.ndarray:
+    """The rows that the check of the next block needs: the last, and of every antenna the last SUSTAINED different fixes."""
+    fixes = (_different(log, antenna)[0][-SUSTAINED:] for antenna in schema.antennas(log.table.columns))
+    return np.unique(np.concatenate([*fixes, [len(log.table) - 1]]))
+
+
+def _check_rows(log: Log, where: str, numbers: np.ndarray, last: bool) -> None:
+    """Hold rows, which count as `numbers` in the log, to the contract; `last`: no rows follow."""
     table = log.table
-    schema.check(table, schema.LOG, where)
-    if len(table) < 2:
-        raise InputError(f"{where}: holds {len(table)} rows, at least 2 are needed")
     for name in table.columns:
         if not pd.api.types.is_numeric_dtype(table[name]):
             bad = pd.to_numeric(table[name], errors="coerce").isna() & table[name].notna()
             row = int(np.argmax(bad.to_numpy()))
-            raise InputError(f"{where}: row {row}, column {name}: {table[name].iloc[row]!r} is not a number")
+            raise InputError(f"{where}: row {numbers[row]}, column {name}: {table[name].iloc[row]!r} is not a number")
     time = table["time_s"].to_numpy(float)
-    _first(where, table, "time_s", ~np.isfinite(time), lambda row: "time is missing; drop the row")
+
+    def first(name: str, bad: np.ndarray, say: Callable[[int], str]) -> None:
+        """Raise InputError for the first row where `bad` is true."""
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise InputError(f"{where}: row {numbers[row]} (time {time[row]:g} s), column {name}: {say(row)}")
+
+    first("time_s", ~np.isfinite(time), lambda row: "time is missing; drop the row")
     steps = np.diff(time, prepend=time[0] - 1.0)
-    _first(
-        where,
-        table,
+    first(
         "time_s",
         steps <= -SAME_EPOCH,
         lambda row: f"time runs back by {-steps[row]:g} s; sort the rows or cut the log there",
     )
     twice = np.abs(steps) < SAME_EPOCH
-    _first(where, table, "time_s", twice, lambda row: "the epoch stands twice; drop one of the two rows")
+    first("time_s", twice, lambda row: "the epoch stands twice; drop one of the two rows")
     for name in table.columns:
         low, high = LIMITS.get(re_ending(name), (-np.inf, np.inf))
         value = table[name].to_numpy(float)
-        _first(
-            where, table, name, np.isinf(value), lambda row: "is infinite; leave it empty where a sensor has no value"
-        )
+        first(name, np.isinf(value), lambda row: "is infinite; leave it empty where a sensor has no value")
         outside = (value < low) | (value > high)
         problem = f"is outside {low:g} to {high:g}; check the unit"
-        _first(where, table, name, outside, lambda row, v=value, p=problem: f"{v[row]:g} {p}")  # type: ignore[misc]
+        first(name, outside, lambda row, v=value, p=problem: f"{v[row]:g} {p}")  # type: ignore[misc]
     names = schema.antennas(table.columns)
     if not names:
         raise InputError(
@@ -310,14 +393,11 @@ def check_log(log: Log, where: str = "log") -> None:
             raise InputError(
                 f"{where}: antenna {antenna} has no station in the vessel; add stations_m.{antenna} = [x, y]"
             )
-        _check_speed(log, antenna, where)
+        _check_speed(log, antenna, where, numbers, last)
 
 
-def _check_speed(log: Log, antenna: str, where: str) -> None:
-    """Refuse fixes in a row that no ship can reach from one another.
-
-    Every step must be too fast, which a jump is not, and so must all of them together, which noise is not.
-    """
+def _different(log: Log, antenna: str) -> tuple[np.ndarray, np.ndarray]:
+    """The rows of an antenna's fixes, without those that repeat the one before, and the places as complex numbers [m]."""
     table, zone = log.table, log.zone
     if f"{antenna}_north_m" in table:
         north, east = (table[f"{antenna}_{axis}_m"].to_numpy(float) for axis in ("north", "east"))
@@ -327,10 +407,19 @@ def _check_speed(log: Log, antenna: str, where: str) -> None:
     place = north + 1j * east
     known = np.flatnonzero(np.isfinite(place))
     known = known[np.diff(place[known], prepend=np.nan) != 0]  # a recorder may repeat the last fix
+    return known, place[known]
+
+
+def _check_speed(log: Log, antenna: str, where: str, numbers: np.ndarray, last: bool) -> None:
+    """Refuse fixes in a row that no ship can reach from one another.
+
+    Every step must be too fast, which a jump is not, and so must all of them together, which noise is not.
+    """
+    known, place = _different(log, antenna)
     length = min(SUSTAINED, len(known) - 1)
-    if length < 3:
+    if length < (3 if last else SUSTAINED):
         return
-    time, place = table["time_s"].to_numpy(float)[known], place[known]
+    time = log.table["time_s"].to_numpy(float)[known]
     fast = np.abs(np.diff(place)) > FASTEST * np.diff(time)
     far = np.abs(place[length:] - place[:-length]) > FASTEST * (time[length:] - time[:-length])
     bad = far & (np.convolve(fast, np.ones(length), "valid") > length - 0.5)
@@ -338,7 +427,7 @@ def _check_speed(log: Log, antenna: str, where: str) -> None:
         first = int(np.argmax(bad))
         speed = abs(place[first + length] - place[first]) / (time[first + length] - time[first])
         raise InputError(
-            f"{where}: row {known[first]} (time {time[first]:g} s): antenna {antenna} moves at {speed:.4g} m/s over "
+            f"{where}: row {numbers[known[first]]} (time {time[first]:g} s): antenna {antenna} moves at {speed:.4g} m/s over "
             f"{length} fixes in a row; check the unit of time, and the units and the order of the positions' columns"
         )
 
@@ -349,10 +438,3 @@ def re_ending(column: str) -> str:
         if column.endswith(f"_{ending}"):
             return ending
     return column
-
-
-def _first(where: str, table: pd.DataFrame, column: str, bad: np.ndarray, say: Callable[[int], str]) -> None:
-    """Raise InputError for the first row where `bad` is true."""
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise InputError(f"{where}: row {row} (time {table['time_s'].iloc[row]:g} s), column {column}: {say(row)}")

@@ -1,4 +1,4 @@
-"""Vessels: dimensions, stations, rudder limits, hull outline and the noise a filter should expect.
+"""Vessels: dimensions, stations, rudder limits, hull outline, and the noise and delays a filter should expect.
 
 A vessel is data: one JSON file per vessel, with a source for every number (`sources`, by key). Files of the package lie
 in `aspnn/vessels/`; a user's own file is named by its path.
@@ -25,13 +25,30 @@ KEYS = (
     "service",
     "sensors",
     "process",
+    "calibration",
     "mmg",
     "wind",
     "sources",
 )
-NOISE_KEYS = {
-    "sensors": ("position_m", "heading_deg", "yaw_rate_deg_s", "acceleration_m_s2"),
-    "process": ("jerk_density_m2_s5", "yaw_jerk_density_rad2_s5"),
+NOISE_KEYS = {  # section: key of a file: field of Noise; `_deg` marks angles
+    "sensors": {
+        "position_m": "position",
+        "heading_deg": "heading",
+        "yaw_rate_deg_s": "yaw_rate",
+        "acceleration_m_s2": "acceleration",
+    },
+    "process": {
+        "jerk_density_m2_s5": "jerk_density",
+        "yaw_jerk_density_rad2_s5": "yaw_jerk_density",
+        "turn_density_rad2_s3": "turn_density",
+    },
+}
+CALIBRATION_KEYS = {  # key of a file: field of Calibration, least, most
+    "heading_offset_deg": ("heading_offset", -180.0, 180.0),
+    "position_delay_s": ("position_delay", 0.0, 5.0),
+    "heading_delay_s": ("heading_delay", 0.0, 15.0),
+    "yaw_rate_delay_s": ("yaw_rate_delay", 0.0, 15.0),
+    "acceleration_delay_s": ("acceleration_delay", 0.0, 5.0),
 }
 
 
@@ -39,8 +56,8 @@ NOISE_KEYS = {
 class Noise:
     """Standard deviations of the sensors and spectral densities of the process noise, in SI and radians.
 
-    Densities are those of white noise on the highest derivative: jerk along each body axis [m2/s5] and the derivative of
-    the yaw acceleration [rad2/s5].
+    Densities are those of white noise on the highest derivative: jerk along each body axis [m2/s5], the derivative of the yaw
+    acceleration [rad2/s5], and the yaw acceleration [rad2/s3] for the models of eight states, which hold the turn rate.
     """
 
     position: float = 1.0
@@ -49,6 +66,22 @@ class Noise:
     acceleration: float = 0.01
     jerk_density: float = 1.7e-6
     yaw_jerk_density: float = 2.9e-9
+    turn_density: float = 1e-7
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Constant errors of the sensors: what the compass reads too much [rad], and how late each record is [s].
+
+    A record that a log holds at t with the delay tau tells the state at t - tau. Only differences between the clocks of
+    the sensors can be seen, so delays are counted from the quickest sensor (or from what its maker states).
+    """
+
+    heading_offset: float = 0.0
+    position_delay: float = 0.0
+    heading_delay: float = 0.0
+    yaw_rate_delay: float = 0.0
+    acceleration_delay: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -68,6 +101,7 @@ class Vessel:
     service_speed: float
     stations: dict[str, tuple[float, float]] = field(default_factory=dict)
     noise: Noise = Noise()
+    calibration: Calibration = Calibration()
     title: str = ""
     mmg: dict[str, Any] | None = None
     wind: dict[str, Any] | None = None
@@ -90,7 +124,6 @@ class Vessel:
 
     def to_dict(self) -> dict[str, Any]:
         """The vessel as the plain data of a vessel file; `from_dict` reads it back unchanged."""
-        n = self.noise
         data: dict[str, Any] = {
             "name": self.name,
             "title": self.title,
@@ -98,18 +131,14 @@ class Vessel:
             "stations_m": {name: list(place) for name, place in self.stations.items()},
             "rudder": {"max_deg": _degrees(self.rudder_max), "rate_deg_s": _degrees(self.rudder_rate)},
             "service": {"speed_m_s": self.service_speed},
-            "sensors": {
-                "position_m": n.position,
-                "heading_deg": _degrees(n.heading),
-                "yaw_rate_deg_s": _degrees(n.yaw_rate),
-                "acceleration_m_s2": n.acceleration,
-            },
-            "process": {"jerk_density_m2_s5": n.jerk_density, "yaw_jerk_density_rad2_s5": n.yaw_jerk_density},
+            **noise_data(self.noise),
             "sources": dict(self.sources),
         }
         for key, part in (("mmg", self.mmg), ("wind", self.wind)):
             if part is not None:
                 data[key] = part
+        if self.calibration != Calibration():
+            data["calibration"] = calibration_data(self.calibration)
         return data
 
     def with_stations(self, **stations: tuple[float, float]) -> "Vessel":
@@ -124,17 +153,63 @@ def _degrees(angle: float) -> float:
     return next((degrees for degrees in choices if math.radians(degrees) == angle), near)
 
 
+def noise_data(noise: Noise) -> dict[str, dict[str, float]]:
+    """The sections `sensors` and `process` of a vessel file."""
+    return {
+        section: {key: _told(key, getattr(noise, name)) for key, name in keys.items()}
+        for section, keys in NOISE_KEYS.items()
+    }
+
+
+def read_noise(data: dict[str, Any], default: Noise, where: str) -> Noise:
+    """Noise from the sections `sensors` and `process` of plain data, the rest as in `default`. Raises InputError."""
+    found = {}
+    for section, keys in NOISE_KEYS.items():
+        for key, value in data.get(section, {}).items():
+            if key not in keys:
+                raise InputError(f"{where}: {section}.{key} is not a known noise (known: {', '.join(keys)})")
+            if not (isinstance(value, int | float) and 0 < value < math.inf):
+                raise InputError(f"{where}: {section}.{key} = {value} must be a positive number")
+            found[keys[key]] = math.radians(value) if "_deg" in key else value
+    return replace(default, **found)
+
+
+def calibration_data(calibration: Calibration) -> dict[str, float]:
+    """The section `calibration` of a vessel file."""
+    return {key: _told(key, getattr(calibration, name)) for key, (name, _, _) in CALIBRATION_KEYS.items()}
+
+
+def read_calibration(data: dict[str, Any], where: str) -> Calibration:
+    """Calibration from the section `calibration` of plain data; what it does not name is zero. Raises InputError."""
+    found = {}
+    for key, value in data.get("calibration", {}).items():
+        if key not in CALIBRATION_KEYS:
+            near = get_close_matches(key, CALIBRATION_KEYS, 1)
+            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(CALIBRATION_KEYS)}"
+            raise InputError(f"{where}: calibration.{key} is not known, {hint}")
+        name, low, high = CALIBRATION_KEYS[key]
+        if not (isinstance(value, int | float) and low <= value <= high):
+            raise InputError(f"{where}: calibration.{key} = {value} must be a number from {low:g} to {high:g}")
+        found[name] = math.radians(value) if "_deg" in key else float(value)
+    return Calibration(**found)
+
+
+def _told(key: str, value: float) -> float:
+    return _degrees(value) if "_deg" in key else value
+
+
 def scaled_noise(length: float) -> Noise:
     """Noise densities for a vessel nobody has tuned: those of the 90 m cargo ship, scaled by Froude similarity.
 
     Accelerations are alike at every scale and time goes with sqrt(length), so the jerk density [(m/s2)2/s] goes with
-    length^-1/2 and the yaw-jerk density [(rad/s2)2/s] with length^-5/2.
+    length^-1/2, the yaw-jerk density [(rad/s2)2/s] with length^-5/2 and the turn density [(rad/s)2/s] with length^-3/2.
     """
     reference, ratio = Noise(), length / 90.0
     return replace(
         reference,
         jerk_density=reference.jerk_density * ratio**-0.5,
         yaw_jerk_density=reference.yaw_jerk_density * ratio**-2.5,
+        turn_density=reference.turn_density * ratio**-1.5,
     )
 
 
@@ -175,22 +250,6 @@ def from_dict(data: dict[str, Any], where: str = "vessel") -> Vessel:
         raise InputError(
             f"{where}: stations_m bow and stern lie {stations['bow'][0] - stations['stern'][0]:g} m apart; sway needs at least {0.1 * length:g} m"
         )
-    default = scaled_noise(length)
-    sensors, process = data.get("sensors", {}), data.get("process", {})
-    for section, known in NOISE_KEYS.items():
-        for key, value in data.get(section, {}).items():
-            if key not in known:
-                raise InputError(f"{where}: {section}.{key} is not a known noise (known: {', '.join(known)})")
-            if not (isinstance(value, int | float) and 0 < value < math.inf):
-                raise InputError(f"{where}: {section}.{key} = {value} must be a positive number")
-    noise = Noise(
-        position=sensors.get("position_m", default.position),
-        heading=math.radians(sensors["heading_deg"]) if "heading_deg" in sensors else default.heading,
-        yaw_rate=math.radians(sensors["yaw_rate_deg_s"]) if "yaw_rate_deg_s" in sensors else default.yaw_rate,
-        acceleration=sensors.get("acceleration_m_s2", default.acceleration),
-        jerk_density=process.get("jerk_density_m2_s5", default.jerk_density),
-        yaw_jerk_density=process.get("yaw_jerk_density_rad2_s5", default.yaw_jerk_density),
-    )
     return Vessel(
         name=str(data["name"]),
         title=str(data.get("title", "")),
@@ -201,7 +260,8 @@ def from_dict(data: dict[str, Any], where: str = "vessel") -> Vessel:
         rudder_rate=math.radians(number("rudder", "rate_deg_s", 0, 400)),
         service_speed=number("service", "speed_m_s", 0, 60),
         stations=stations,
-        noise=noise,
+        noise=read_noise(data, scaled_noise(length), where),
+        calibration=read_calibration(data, where),
         mmg=data.get("mmg"),
         wind=data.get("wind"),
         sources=data.get("sources", {}),

@@ -4,19 +4,27 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from aspnn import __version__, records
+from aspnn.angles import difference
 from aspnn.estimation import filter_log, smooth_log
+from aspnn.estimation.cascade import filter_file
+from aspnn.estimation.measurements import opening
+from aspnn.estimation.noise_file import with_noise_file, write_noise_file
+from aspnn.estimation.tuning import Tuning, tune
+from aspnn.frames import Zone, convergence
 from aspnn.learning.config import Training, read_training
 from aspnn.learning.windows import write_windows
 from aspnn.records import Log
 from aspnn.schema import InputError
 from aspnn.simulation.scenario import read_scenario, simulate_scenario, write_voyage
 
+ZONE = math.radians(3.0)  # half the width of a UTM zone
 Watch = Callable[[Iterable, str, int], Iterable]  # (things, what is done, how many) -> the same things, shown
 
 
@@ -46,18 +54,73 @@ def simulate_files(
 
 
 def filter_files(
-    logs: Sequence[str | Path], out: str | Path, smooth: bool = False, watch: Watch = silent
+    logs: Sequence[str | Path],
+    out: str | Path,
+    smooth: bool = False,
+    watch: Watch = silent,
+    noise: str | Path | None = None,
+    tell: Callable[[str], None] = lambda line: None,
 ) -> list[Path]:
-    """Filter logs into `out` as NAME.states.parquet (and, smoothed, NAME.smoothed.parquet). Returns the state files."""
+    """Filter logs into `out` as NAME.states.parquet (and, smoothed, NAME.smoothed.parquet). Returns the state files.
+
+    `noise` is a noise file in place of the noise and the calibration of the logs' vessel. `tell` gets a line on each log that
+    lies outside its UTM zone. Logs are filtered in blocks; smoothing has the whole of one in memory.
+    """
     files = records.log_files(logs)
+    tuned = None if noise is None else partial(with_noise_file, path=noise)
     made = []
     for file in watch(files, "filtering", len(files)):
-        log = records.read_log(file)
         made.append(Path(out) / f"{Path(file).stem}.states.parquet")
-        records.write_states(filter_log(log), made[-1])
+        zone, place = filter_file(file, made[-1], tuned)
+        if zone is not None and abs(from_meridian(zone, place[1])) > ZONE:
+            tell(f"{file}: lies outside its zone; {zone_line(zone, place)}")
         if smooth:
+            log = with_noise(records.read_log(file), noise)
             records.write_states(smooth_log(log), made[-1].with_name(f"{Path(file).stem}.smoothed.parquet"))
     return made
+
+
+def from_meridian(zone: Zone, longitude: float) -> float:
+    """How far east of the zone's central meridian a longitude [rad] lies, in rad."""
+    return float(difference(longitude, math.radians(6 * zone.number - 183)))
+
+
+def zone_line(zone: Zone, place) -> str:
+    """What a zone makes of the place (latitude, longitude) [rad] in the middle of a log."""
+    away = math.degrees(from_meridian(zone, place[1]))
+    gamma = math.degrees(float(convergence(place[0], place[1], zone)))
+    side = "east" if away >= 0 else "west"
+    return f"zone {zone}: the middle of the log is {abs(away):.2f} deg {side} of the central meridian, grid convergence {gamma:+.2f} deg"
+
+
+def with_noise(log: Log, noise: str | Path | None) -> Log:
+    """The log of a vessel tuned by a noise file; as it is where none is named."""
+    return log if noise is None else replace(log, vessel=with_noise_file(log.vessel, noise))
+
+
+def tune_files(
+    logs: Sequence[str | Path],
+    out: str | Path,
+    sensors: bool = False,
+    delays: bool = False,
+    heading: bool = False,
+    watch: Watch = silent,
+) -> Tuning:
+    """Tune the noise of the one vessel of `logs` (with `delays` and `heading` its calibration too) into a noise file.
+
+    The search starts from the vessel of the first log. Raises InputError when logs are of different vessels.
+    """
+    files = records.log_files(logs)
+    read = [records.read_log(file) for file in watch(files, "reading", len(files))]
+    first = read[0].vessel
+    for file, log in zip(files, read, strict=True):
+        if log.vessel.name != first.name:
+            raise InputError(
+                f"{file}: is of vessel {log.vessel.name}, {files[0]} of {first.name}; tune one vessel at a time"
+            )
+    tuning = tune(read, first, sensors, delays, heading, watch)
+    write_noise_file(tuning, files, out)
+    return tuning
 
 
 def training_logs(training: Training, watch: Watch = silent) -> Iterator[Log]:
@@ -195,6 +258,35 @@ def _notes(learned) -> dict[str, str]:
     }
 
 
+def consistency_files(
+    logs: Sequence[str | Path],
+    report: str | Path | None = None,
+    metrics: str | Path | None = None,
+    runs: int = 0,
+    seed: int = 0,
+    watch: Watch = silent,
+    noise: str | Path | None = None,
+):
+    """Consistency of the filters on each log, with errors where its truth lies beside it, and `runs` Monte Carlo runs.
+
+    `noise` is a noise file in place of the noise and the calibration of the logs' vessel.
+    Writes the HTML page and the JSON file where named, and returns a Consistency per log. Raises InputError.
+    """
+    from aspnn.evaluation.consistency import consistency, write_metrics
+    from aspnn.evaluation.consistency_report import write_report
+
+    files = records.log_files(logs)
+    results = []
+    for file in files if runs else watch(files, "filtering", len(files)):  # one bar at a time
+        log = with_noise(records.read_log(file), noise)
+        results.append(consistency(log, records.read_truth(log), runs, seed, watch))
+    if metrics:
+        write_metrics(results, metrics)
+    if report:
+        write_report(results, report)
+    return results
+
+
 def import_files(
     format: str,
     sources: Sequence[str | Path],
@@ -202,12 +294,18 @@ def import_files(
     map: str | Path | None = None,
     vessel: str | None = None,
     watch: Watch = silent,
+    noise: str | Path | None = None,
 ) -> Iterator[tuple[Path, str]]:
-    """Import recorded logs into `out`; each log's file and a line on what was dropped, gated or derived."""
+    """Import recorded logs into `out`; each log's file and a line on what was dropped, gated or derived.
+
+    `noise` is a noise file; its noise and calibration become those of the logs' vessel, for all that comes later.
+    """
     from aspnn import logs
 
     if format == "esso-osaka":
         found = logs.import_esso_osaka(sources)
+    elif format == "n2k-yacht":
+        found = logs.import_n2k_yacht(sources, map, vessel)
     elif map is None:
         raise InputError(
             f"import {format}: name a map of columns, units and antennas with --map (data/maps holds examples)"
@@ -215,6 +313,7 @@ def import_files(
     else:
         found = (logs.import_csv if format == "csv" else logs.import_nmea0183)(sources, map, vessel)
     for log in watch(found, "writing", len(found)):
+        log = with_noise(log, noise)
         records.check_log(log, log.path or log.voyage)
         path = Path(out) / f"{log.notes['name']}.parquet"
         records.write_log(log, path)
@@ -286,6 +385,9 @@ def describe(thing: str | Path) -> Iterator[str]:
     yield f"{metadata['kind']} {path}: vessel {record.vessel.name}, voyage {record.voyage}, zone {zone}"
     yield f"source: {record.source or 'not said'}; start {record.start or 'not said'}"
     yield f"{len(table)} rows over {time[-1] - time[0]:.1f} s, median step {np.median(step):.3g} s, longest gap {step.max():.3g} s"
+    middle = opening(replace(record, table=record.table.iloc[len(table) // 2 :])) if isinstance(record, Log) else None
+    if record.zone is not None and middle is not None and np.isfinite(middle.place).all():
+        yield zone_line(record.zone, middle.place)
     for key, value in getattr(record, "notes", {}).items():
         yield f"{key}: {value}"
     for name in table.columns:

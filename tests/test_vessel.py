@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aspnn.schema import InputError
-from aspnn.vessel import FOLDER, Noise, from_dict, load_vessel, scaled_noise, vessels
+from aspnn.vessel import FOLDER, Calibration, Noise, from_dict, load_vessel, scaled_noise, vessels
 
 SECTIONS = ("dimensions", "stations_m", "rudder", "service", "mmg", "wind", "sensors", "process")
 
@@ -42,6 +42,18 @@ def test_angles_survive_the_way_through_degrees(max_deg, rate_deg_s, heading_deg
     )
     assert vessel.rudder_max == math.radians(max_deg)
     assert from_dict(vessel.to_dict()) == vessel
+
+
+@given(st.floats(-180, 180), st.floats(0, 5), st.floats(0, 15))
+def test_calibration_is_read_back_unchanged(offset, short, long):
+    """Round trip, bit for bit; a vessel without calibration has no such section, what a section lacks is zero."""
+    data = load_vessel("cargo90").to_dict()
+    assert "calibration" not in data
+    part = {"heading_offset_deg": offset, "position_delay_s": short, "yaw_rate_delay_s": long}
+    vessel = from_dict(data | {"calibration": part})
+    expected = Calibration(heading_offset=math.radians(offset), position_delay=short, yaw_rate_delay=long)
+    assert vessel.calibration == expected
+    assert from_dict(json.loads(json.dumps(vessel.to_dict()))) == vessel
 
 
 @pytest.mark.parametrize("name", vessels())
@@ -104,6 +116,12 @@ def test_stations_can_be_added():
         ({"sensors": {"jerk_density_m2_s5": 1e-6}}, "sensors.jerk_density_m2_s5 is not a known noise"),
         ({"process": {"jerk_density_m2_s5": 0}}, "process.jerk_density_m2_s5 = 0 must be a positive"),
         ({"dimension": {}}, "did you mean dimensions"),
+        ({"calibration": {"position_delay": 0.2}}, "calibration.position_delay is not known, .*position_delay_s"),
+        ({"calibration": {"heading_delay_s": -0.1}}, "calibration.heading_delay_s = -0.1 must be .* from 0 to 15"),
+        ({"calibration": {"position_delay_s": 5.1}}, "calibration.position_delay_s = 5.1 must be .* from 0 to 5"),
+        ({"calibration": {"yaw_rate_delay_s": math.nan}}, "calibration.yaw_rate_delay_s = nan must be"),
+        ({"calibration": {"heading_offset_deg": "east"}}, "calibration.heading_offset_deg = east must be"),
+        ({"calibration": [0.2]}, "calibration must be an object"),
     ],
 )
 def test_wrong_vessel_is_one_line(change, words):

@@ -1,19 +1,36 @@
-"""The compiled engine: a linear time-varying Kalman filter and its Rauch-Tung-Striebel smoother, by numba.
+"""The compiled engine: Kalman filters, linear, extended and unscented, and their Rauch-Tung-Striebel smoother, by numba.
 
-Both take the arrays of a `Problem` and return arrays; nothing is kept between calls. The number of states is a constant
-of each compiled function, so that its small loops unroll.
+All take the arrays of a problem and return arrays; nothing is kept between calls. The number of states of a linear problem is
+a constant of its compiled function, so that the small loops unroll.
 """
 
+import zlib
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numba import njit
-from scipy.special import chdtri
 
-from aspnn.estimation.problem import COASTING, MISSING, REACQUIRED, REJECTED, USED, Problem
+from aspnn.estimation import flow, kernels
+from aspnn.estimation.flow import NOISE_STEP, flow_covariance, flow_points, noise_of
+from aspnn.estimation.kernels import ACCELERATION, LINEAR, POSITION, measure, measure_jacobian
+from aspnn.estimation.problem import (
+    COASTING,
+    DOUBTED,
+    MISSING,
+    REACQUIRED,
+    REJECTED,
+    REJECTIONS,
+    USED,
+    Carry,
+    ModelProblem,
+    Problem,
+)
 
-GATE = np.array([np.inf, chdtri(1, 1e-3), chdtri(2, 1e-3)])  # 99.9 %, by the number of rows that a block has
-REJECTIONS = 3  # as many, and COASTING seconds without any accepted, and the filter gives in to what it is told
+# numba's cache does not see a change of what a function calls; as a constant of the engine this makes it see.
+SOURCES = zlib.crc32(b"".join(Path(str(module.__file__)).read_bytes() for module in (kernels, flow)))
 
 
 @dataclass(frozen=True)
@@ -23,7 +40,8 @@ class Run:
     Means (n, d) and covariances (n, d, d), before (`predicted`) and after (`mean`, `covariance`) the measurements of
     each epoch; `innovation` (n, b, 2) and `whitened` (n, b, 2), which is L^-1 of it with L L' its covariance (E30), NaN where
     missing; `nis` (n, b), NaN where missing; `fate` (n, b) as named in `problem`; the log-likelihood, in which a gated
-    block counts no worse than the gate.
+    block counts no worse than the gate. `cross` (n, d, d), of nonlinear models: the covariance of the state before each
+    step and after it. `carry`: what the next block of the log begins with.
     """
 
     predicted: np.ndarray
@@ -34,130 +52,271 @@ class Run:
     whitened: np.ndarray
     nis: np.ndarray
     fate: np.ndarray
+    cross: np.ndarray
     log_likelihood: float
+    carry: Carry
 
 
-def _filter_of(d: int):
-    """The filter of `d` states, compiled on its first call."""
+@njit(cache=True, error_model="numpy")
+def _root(P, L):
+    """L (d, d) lower triangular with L L' = P; a direction without variance gets none, so that nothing fails."""
+    d = P.shape[0]
+    for j in range(d):
+        for i in range(j):
+            L[i, j] = 0.0
+        for i in range(j, d):
+            total = P[i, j]
+            for m in range(j):
+                total -= L[i, m] * L[j, m]
+            if i == j:
+                L[j, j] = np.sqrt(total) if total > 0 else 0.0
+            else:
+                L[i, j] = total / L[j, j] if L[j, j] > 0 else 0.0
 
-    @njit(cache=True, error_model="numpy")
-    def kalman(time, x0, P0, F, Q, H, span, z, R, angle, gated, place, rate, gate, patience, out):
-        xp, Pp, xf, Pf, innovation, whitened, nis, fate = out
+
+@njit(cache=True, error_model="numpy")
+def _points(x, P, spread, L, X):
+    """X (d, 2 d + 1): x, then x + and x - the columns of the root of `spread` P."""
+    d = P.shape[0]
+    _root(P, L)
+    scale = np.sqrt(spread)
+    for i in range(d):
+        X[i, 0] = x[i]
+        for j in range(d):
+            X[i, 1 + j], X[i, 1 + d + j] = x[i] + scale * L[i, j], x[i] - scale * L[i, j]
+
+
+def _filter_of(states: int, sources: int):
+    """The filter of linear problems of so many states, or of any MotionModel (`states` 0), compiled on its first call."""
+    linear = states > 0
+
+    @njit(cache=True, error_model="numpy", nogil=True)
+    def kalman(start, data, model, limits, out):
+        assert sources  # see SOURCES
+        x0, P0, last, rejections = start
+        time, z, R, angle, gates, group, place, rate = data
+        F, Q, H, span, given, sensors, stations, inflation, density, kind, least, order, step, spread, wm, wc = model
+        factor, threshold, spreads = limits
+        xp, Pp, xf, Pf, innovation, whitened, nis, fate, cross = out
         n, blocks = z.shape[0], z.shape[1]
+        d = states if linear else len(x0)
+        points = 2 * d + 1
         x, P, A, h = x0.copy(), P0.copy(), np.empty((d, d)), np.zeros((2, d))
-        G, K, W = np.empty((d, 2)), np.empty((d, 2)), np.empty((d, 2))
-        likelihood, last, rejections = 0.0, time[0], 0
+        G, K = np.empty((2, d)), np.empty((2, d))
+        unscented, crossing = len(wm) > 0, len(cross) > 0
+        one, reading, Phi = np.empty((d, 1)), np.empty((2, 1)), np.empty((d, d))
+        p, noise, old, later = np.empty(7), density.copy(), np.empty(d), np.empty(d)
+        size = points if unscented else 0
+        X, Y, before = np.empty((d, size)), np.empty((d, size)), np.empty((d, size))
+        slope, slopes, readings = np.empty((d, size)), np.empty(d * size), np.empty((2, size))
+        likelihood = 0.0
         for k in range(n):
-            # x = F x, P = F P F' + Q with F upper triangular
-            for i in range(d):
-                total = 0.0
-                for j in range(i, d):
-                    total += F[k, i, j] * x[j]
-                x[i] = total
-            for i in range(d):
-                for j in range(d):
+            if linear:
+                # x = F x, P = F P F' + Q with F upper triangular
+                for i in range(d):
                     total = 0.0
-                    for m in range(i, d):
-                        total += F[k, i, m] * P[m, j]
-                    A[i, j] = total
-            for i in range(d):
-                for j in range(i, d):
-                    total = Q[k, i, j]
-                    for m in range(j, d):
-                        total += A[i, m] * F[k, j, m]
-                    P[i, j] = total
-                    P[j, i] = total
+                    for j in range(i, d):
+                        total += F[k, i, j] * x[j]
+                    x[i] = total
+                for i in range(d):
+                    for j in range(d):
+                        total = 0.0
+                        for m in range(i, d):
+                            total += F[k, i, m] * P[m, j]
+                        A[i, j] = total
+                for i in range(d):
+                    for j in range(i, d):
+                        total = Q[k, i, j]
+                        for m in range(j, d):
+                            total += A[i, m] * F[k, j, m]
+                        P[i, j] = total
+                        P[j, i] = total
+            elif k > 0 and time[k] > time[k - 1]:
+                dt = time[k] - time[k - 1]
+                rest = x[4] if d == 8 else given[k - 1, 0]
+                p[3], p[4] = np.cos(rest), np.sin(rest)
+                for i in range(d):
+                    noise[i] = density[i] * inflation[k]
+                    old[i] = later[i] = x[i]
+                if unscented:
+                    _points(x, P, spread, A, X)
+                    before[:] = X
+                    flow_points(kind, least, given[k - 1], dt, order, step, p, X, slope, Y, slopes)
+                    for i in range(d):
+                        x[i] = 0.0
+                        for j in range(points):
+                            x[i] += wm[j] * X[i, j]
+                        for j in range(points):
+                            X[i, j] -= x[i]
+                    # The noise on the way, from the mean: E21
+                    if dt <= NOISE_STEP:
+                        noise_of(kind, least, given[k - 1], 0.0, dt, noise, p, old, x, A)
+                    else:
+                        A[:] = 0.0
+                        flow_covariance(kind, least, given[k - 1], dt, 4, dt, noise, p, later, A, Phi)
+                    for i in range(d):
+                        for j in range(i, d):
+                            total = A[i, j]
+                            for m in range(points):
+                                total += wc[m] * X[i, m] * X[j, m]
+                            P[i, j] = total
+                            P[j, i] = total
+                    if crossing:
+                        for i in range(d):
+                            for j in range(d):
+                                for m in range(points):
+                                    cross[k, i, j] += wc[m] * (before[i, m] - old[i]) * X[j, m]
+                else:
+                    if crossing:
+                        A[:] = P
+                    flow_covariance(kind, least, given[k - 1], dt, order, step, noise, p, x, P, Phi)
+                    if crossing:
+                        for i in range(d):
+                            for j in range(d):
+                                for m in range(d):
+                                    cross[k, i, j] += A[i, m] * Phi[j, m]
             for i in range(d):
                 xp[k, i] = x[i]
                 for j in range(d):
                     Pp[k, i, j] = P[i, j]
+            doubted = False
             for b in range(blocks):
-                have0, have1 = not np.isnan(z[k, b, 0]), not np.isnan(z[k, b, 1])
+                have0, have1 = np.isfinite(z[k, b, 0]), np.isfinite(z[k, b, 1])
                 rows = int(have0) + int(have1)
                 if rows == 0:
                     continue
                 # A missing row measures nothing: H = 0, R = 1, innovation 0.
-                low, high = span[b, 0], span[b, 1]
                 y0, y1 = z[k, b, 0], z[k, b, 1]
-                for j in range(low, high):
-                    h[0, j] = H[k, b, 0, j] if have0 else 0.0
-                    h[1, j] = H[k, b, 1, j] if have1 else 0.0
-                    y0 -= h[0, j] * x[j]
-                    y1 -= h[1, j] * x[j]
                 r00, r11, r01 = R[k, b, 0, 0], R[k, b, 1, 1], R[k, b, 0, 1]
                 if rows == 1:
                     r01 = 0.0
                     if have0:
-                        y1, r11 = 0.0, 1.0
+                        r11 = 1.0
                     else:
-                        y0, r00 = 0.0, 1.0
+                        r00 = 1.0
+                curved, low, high = False, 0, d
+                if linear:
+                    low, high = span[b, 0], span[b, 1]
+                    for j in range(low, high):
+                        h[0, j] = H[k, b, 0, j] if have0 else 0.0
+                        h[1, j] = H[k, b, 1, j] if have1 else 0.0
+                        y0 -= h[0, j] * x[j]
+                        y1 -= h[1, j] * x[j]
+                else:
+                    for i in range(d):
+                        one[i, 0] = x[i]
+                    rest = x[4] if d == 8 else given[k, 0]
+                    p[0], p[1], p[2] = given[k, 0], given[k, 1], given[k, 2]
+                    p[3] = p[5] = np.cos(rest)
+                    p[4] = p[6] = np.sin(rest)
+                    sensor, ahead, starboard = sensors[b], stations[b, 0], stations[b, 1]
+                    # Where a sensor is linear in the state the unscented update is the linear one.
+                    curved = unscented and (
+                        sensor == ACCELERATION or (sensor == POSITION and (ahead != 0 or starboard != 0))
+                    )
+                    if not curved:
+                        measure(kind, least, one, p, sensor, ahead, starboard, reading)
+                        measure_jacobian(kind, least, one, p, sensor, ahead, starboard, h)
+                        y0 -= reading[0, 0]
+                        y1 -= reading[1, 0]
+                        low, high = d, 0
+                        for j in range(d):
+                            if h[0, j] != 0.0 or h[1, j] != 0.0:
+                                low, high = min(low, j), j + 1
+                            h[0, j] = h[0, j] if have0 else 0.0
+                            h[1, j] = h[1, j] if have1 else 0.0
+                y0, y1 = y0 if have0 else 0.0, y1 if have1 else 0.0
                 if angle[b]:
                     y0 = (y0 + np.pi) % (2 * np.pi) - np.pi
+                worst, g = gates[b, rows - 1], group[b]
                 taken = USED
-                while True:  # once, or twice when the filter re-acquires
+                doubt0, doubt1 = factor if have0 else 1.0, factor if have1 else 1.0
+                if doubted and spreads:
+                    r00, r01, r11, taken = doubt0 * r00, factor * r01, doubt1 * r11, DOUBTED
+                while True:  # once, or twice when a value is doubted or the filter re-acquires
                     s00, s01, s11 = r00, r01, r11
-                    for i in range(d):
-                        g0, g1 = 0.0, 0.0
+                    if not linear and curved:
+                        _points(x, P, spread, A, X)
+                        measure(kind, least, X, p, sensor, ahead, starboard, readings)
+                        mean0, mean1 = 0.0, 0.0
+                        for j in range(points):
+                            mean0 += wm[j] * readings[0, j]
+                            mean1 += wm[j] * readings[1, j]
+                        y0, y1 = z[k, b, 0] - mean0 if have0 else 0.0, z[k, b, 1] - mean1 if have1 else 0.0
+                        for j in range(points):
+                            readings[0, j] = readings[0, j] - mean0 if have0 else 0.0
+                            readings[1, j] = readings[1, j] - mean1 if have1 else 0.0
+                            s00 += wc[j] * readings[0, j] * readings[0, j]
+                            s01 += wc[j] * readings[0, j] * readings[1, j]
+                            s11 += wc[j] * readings[1, j] * readings[1, j]
+                        for i in range(d):
+                            g0, g1 = 0.0, 0.0
+                            for j in range(points):
+                                g0 += wc[j] * (X[i, j] - x[i]) * readings[0, j]
+                                g1 += wc[j] * (X[i, j] - x[i]) * readings[1, j]
+                            G[0, i], G[1, i] = g0, g1
+                    else:
+                        for i in range(d):
+                            g0, g1 = 0.0, 0.0
+                            for j in range(low, high):
+                                g0 += P[i, j] * h[0, j]
+                                g1 += P[i, j] * h[1, j]
+                            G[0, i], G[1, i] = g0, g1
                         for j in range(low, high):
-                            g0 += P[i, j] * h[0, j]
-                            g1 += P[i, j] * h[1, j]
-                        G[i, 0] = g0
-                        G[i, 1] = g1
-                    for j in range(low, high):
-                        s00 += h[0, j] * G[j, 0]
-                        s01 += h[0, j] * G[j, 1]
-                        s11 += h[1, j] * G[j, 1]
+                            s00 += h[0, j] * G[0, j]
+                            s01 += h[0, j] * G[1, j]
+                            s11 += h[1, j] * G[1, j]
                     determinant = s00 * s11 - s01 * s01
                     i00, i01, i11 = s11 / determinant, -s01 / determinant, s00 / determinant
                     square = y0 * y0 * i00 + 2 * y0 * y1 * i01 + y1 * y1 * i11
-                    if not gated[b] or square <= gate[rows] or taken == REACQUIRED:
+                    if taken != USED or (square <= worst and abs(y0) <= threshold and abs(y1) <= threshold):
                         break
-                    if rejections < REJECTIONS or time[k] - last < patience:
+                    if factor < np.inf:
+                        r00, r01, r11, taken, doubted = doubt0 * r00, factor * r01, doubt1 * r11, DOUBTED, True
+                        continue
+                    if rejections[g] < REJECTIONS or time[k] - last[g] < COASTING:
                         taken = REJECTED
                         break
                     # The offset has grown since the last accepted value: so wide may place and rate be wrong.
                     taken = REACQUIRED
                     away = y0 * y0 + y1 * y1
                     for i in range(d):
-                        P[i, i] += away * (place[i] + rate[i] / (time[k] - last) ** 2)
-                        Pp[k, i, i] = P[i, i]
-                worst = gate[rows] if gated[b] else np.inf
+                        wider = away * (place[b, i] + rate[b, i] / (time[k] - last[g]) ** 2)
+                        P[i, i] += wider
+                        Pp[k, i, i] += wider
                 likelihood -= 0.5 * (rows * np.log(2 * np.pi) + np.log(determinant) + min(square, worst))
-                innovation[k, b, 0] = y0 if have0 else np.nan
-                innovation[k, b, 1] = y1 if have1 else np.nan
-                root = np.sqrt(s00)
-                low_left = s01 / root
                 if have0:
-                    whitened[k, b, 0] = y0 / root
+                    innovation[k, b, 0], whitened[k, b, 0] = y0, y0 / np.sqrt(s00)
                 if have1:
-                    whitened[k, b, 1] = (y1 - low_left * y0 / root) / np.sqrt(s11 - low_left**2)
+                    innovation[k, b, 1] = y1
+                    whitened[k, b, 1] = (y1 - s01 / s00 * y0) / np.sqrt(s11 - s01 * s01 / s00)
                 nis[k, b] = square
                 fate[k, b] = taken
                 if taken == REJECTED:
-                    rejections += 1
+                    rejections[g] += 1
                     continue
-                if gated[b]:
-                    last, rejections = time[k], 0
+                last[g], rejections[g] = time[k], 0
+                for i in range(d):
+                    K[0, i] = G[0, i] * i00 + G[1, i] * i01
+                    K[1, i] = G[0, i] * i01 + G[1, i] * i11
+                    x[i] += K[0, i] * y0 + K[1, i] * y1
                 # Joseph form: A = (I - K H) P, then P = A (I - K H)' + K R K' = A + (K R - A H') K'
                 for i in range(d):
-                    K[i, 0] = G[i, 0] * i00 + G[i, 1] * i01
-                    K[i, 1] = G[i, 0] * i01 + G[i, 1] * i11
-                    x[i] += K[i, 0] * y0 + K[i, 1] * y1
-                for i in range(d):
                     for j in range(d):
-                        A[i, j] = P[i, j] - K[i, 0] * G[j, 0] - K[i, 1] * G[j, 1]
+                        A[i, j] = P[i, j] - K[0, i] * G[0, j] - K[1, i] * G[1, j]
+                if not linear and curved:  # K S = G: P - K S K'
+                    for i in range(d):
+                        for j in range(d):
+                            P[i, j] = 0.5 * (A[i, j] + A[j, i])
+                    continue
                 for i in range(d):
-                    w0 = K[i, 0] * r00 + K[i, 1] * r01
-                    w1 = K[i, 0] * r01 + K[i, 1] * r11
+                    w0 = K[0, i] * r00 + K[1, i] * r01
+                    w1 = K[0, i] * r01 + K[1, i] * r11
                     for j in range(low, high):
                         w0 -= A[i, j] * h[0, j]
                         w1 -= A[i, j] * h[1, j]
-                    W[i, 0] = w0
-                    W[i, 1] = w1
-                for i in range(d):
-                    for j in range(i, d):
-                        P[i, j] = A[i, j] + W[i, 0] * K[j, 0] + W[i, 1] * K[j, 1]
-                        P[j, i] = P[i, j]
+                    for j in range(d):
+                        P[i, j] = A[i, j] + w0 * K[0, j] + w1 * K[1, j]
             for i in range(d):
                 xf[k, i] = x[i]
                 for j in range(d):
@@ -167,13 +326,37 @@ def _filter_of(d: int):
     return kalman
 
 
-_FILTERS = {3: _filter_of(3), 6: _filter_of(6)}
+_FILTERS = {states: _filter_of(states, SOURCES) for states in (0, 3, 6)}
 
 
-def run(problem: Problem) -> Run:
-    """Filter a problem: prediction, then its blocks one after the other, each gated and in Joseph form."""
-    n, d = len(problem.time), len(problem.x0)
-    blocks = problem.z.shape[1]
+def _model_of(problem: Problem | ModelProblem) -> tuple:
+    """What the engine takes for the model: arrays of the linear one, then those of the nonlinear one; the others are empty."""
+    p, d, none = problem, len(problem.x0), np.empty(0)
+    if isinstance(p, Problem):
+        rows = np.empty((0, 3)), np.empty(0, np.int64), np.empty((0, 2))
+        return (p.F, p.Q, p.H, p.span, *rows, none, none, LINEAR, 0.0, 0, 0.0, 0.0, none, none)
+    matrices = np.empty((0, d, d)), np.empty((0, d, d)), np.empty((0, 0, 2, d)), np.empty((0, 2), np.int64)
+    arrays = p.given, p.sensors, p.stations, p.inflation, np.array(p.model.density, float)
+    numbers = p.model.kind, p.model.least_speed, p.scheme.order, p.scheme.step
+    return (*matrices, *arrays, *numbers, *((0.0, none, none) if p.sigma is None else p.sigma.weights(d)))
+
+
+def beginning(problem: Problem | ModelProblem) -> Carry:
+    """The carry that a log begins with."""
+    groups = int(problem.group.max()) + 1
+    begin = float(problem.time[0])
+    return Carry(begin, problem.x0, problem.P0, np.full(groups, begin), np.zeros(groups, np.int64))
+
+
+def run(problem: Problem | ModelProblem, carry: Carry | None = None, crossing: bool = False) -> Run:
+    """Filter a problem: prediction, then its blocks one after the other, each gated; Joseph form where it is linear.
+
+    `carry` is that of the run over the block of the log before. `crossing`: keep what the smoother of a nonlinear model needs.
+    """
+    p, d = problem, len(problem.x0)
+    n, blocks = p.z.shape[:2]
+    carry = carry or beginning(p)
+    last, rejections = carry.last.copy(), carry.rejections.copy()
     out = (
         np.empty((n, d)),
         np.empty((n, d, d)),
@@ -183,41 +366,44 @@ def run(problem: Problem) -> Run:
         np.full((n, blocks, 2), np.nan),
         np.full((n, blocks), np.nan),
         np.full((n, blocks), MISSING, np.int8),
+        np.zeros((n if crossing and isinstance(p, ModelProblem) else 0, d, d)),
     )
-    p = problem
-    likelihood = _FILTERS[d](
-        p.time, p.x0, p.P0, p.F, p.Q, p.H, p.span, p.z, p.R, p.angle, p.gated, p.place, p.rate, GATE, COASTING, out
+    likelihood = _FILTERS[d if isinstance(p, Problem) else 0](
+        (np.array(carry.x, float), np.array(carry.P, float), last, rejections),
+        (p.time, p.z, p.R, p.angle, p.gates, p.group, p.place, p.rate),
+        _model_of(p),
+        (p.outliers.factor, p.outliers.threshold, p.outliers.spread),
+        out,
     )
-    return Run(*out, log_likelihood=likelihood)
+    end = Carry(float(p.time[-1]), out[2][-1].copy(), out[3][-1].copy(), last, rejections)
+    return Run(*out, log_likelihood=likelihood, carry=end)
 
 
-@njit(cache=True, error_model="numpy")
-def _rts(F, xp, Pp, xf, Pf):
+def run_batch(problems: Sequence[Problem | ModelProblem], threads: int = 1) -> list[Run]:
+    """Filter many problems, such as the runs of a Monte Carlo study; the engine lets threads run side by side."""
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(run, problems))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _rts(cross, xp, Pp, xf, Pf):
     n, d = xf.shape
     xs, Ps = xf.copy(), Pf.copy()
     L, C, D = np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d))
     for k in range(n - 2, -1, -1):
-        # Pp = L L'
-        for i in range(d):
-            for j in range(i + 1):
-                total = Pp[k + 1, i, j]
-                for m in range(j):
-                    total -= L[i, m] * L[j, m]
-                L[i, j] = np.sqrt(total) if i == j else total / L[j, j]
-        # C' = Pp^-1 F Pf by the two triangular systems, one column at a time
+        _root(Pp[k + 1], L)
+        # C' = Pp^-1 cross' by the two triangular systems, one column at a time
         for c in range(d):
             for i in range(d):
-                total = 0.0
-                for j in range(d):
-                    total += F[k + 1, i, j] * Pf[k, j, c]
+                total = cross[k + 1, c, i]
                 for m in range(i):
                     total -= L[i, m] * C[c, m]
-                C[c, i] = total / L[i, i]
+                C[c, i] = total / L[i, i] if L[i, i] > 0 else 0.0
             for i in range(d - 1, -1, -1):
                 total = C[c, i]
                 for m in range(i + 1, d):
                     total -= L[m, i] * C[c, m]
-                C[c, i] = total / L[i, i]
+                C[c, i] = total / L[i, i] if L[i, i] > 0 else 0.0
         for i in range(d):
             for j in range(d):
                 xs[k, i] += C[i, j] * (xs[k + 1, j] - xp[k + 1, j])
@@ -235,6 +421,17 @@ def _rts(F, xp, Pp, xf, Pf):
     return xs, Ps
 
 
-def smooth(problem: Problem, run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Means (n, d) and covariances (n, d, d) given all measurements, past and future (Rauch, Tung, Striebel)."""
-    return _rts(problem.F, run.predicted, run.predicted_covariance, run.mean, run.covariance)
+def smooth(problem: Problem | ModelProblem, run_: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Means (n, d) and covariances (n, d, d) given all measurements, past and future (Rauch, Tung, Striebel).
+
+    A run of a nonlinear model must have been made with `crossing`. Raises ValueError else.
+    """
+    r = run_
+    if isinstance(problem, Problem):
+        cross = np.zeros_like(r.covariance)
+        cross[1:] = r.covariance[:-1] @ problem.F[1:].transpose(0, 2, 1)
+    else:
+        cross = r.cross
+    if len(cross) != len(r.mean):
+        raise ValueError("smooth: run the filter of a nonlinear model with crossing=True")
+    return _rts(cross, r.predicted, r.predicted_covariance, r.mean, r.covariance)

@@ -1,14 +1,50 @@
 """The table of states: estimates with their standard deviations, what was ordered, and how the filters fared."""
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 import pandas as pd
 
 from aspnn.angles import wrap
 from aspnn.estimation.compiled import Run
-from aspnn.estimation.measurements import Measurements, carried, column
+from aspnn.estimation.measurements import Measurements, Opening, carried, column
 from aspnn.estimation.problem import COASTING, REACQUIRED, REJECTED, USED
 from aspnn.orders import Orders
 from aspnn.records import Log
+
+HELD = (
+    "rudder_order_deg",
+    "rudder_angle_deg",
+    "shaft_speed_rps",
+    "engine_order_rps",
+    "wind_speed_true_m_s",
+    "wind_from_true_deg",
+)
+
+
+@dataclass(frozen=True)
+class Held:
+    """What the rows of a block of a log leave for those of the next.
+
+    `shaft` is the column that tells the shaft speed. `last` are the last known values of HELD; `servo` the time [s] of the last
+    new order and the rudder angle [rad] then, None unless the servo stands in for the angle; `used` the time of the last
+    position that was used.
+    """
+
+    shaft: str
+    last: dict[str, float]
+    servo: tuple[float, float] | None
+    used: float
+
+    @staticmethod
+    def before(begin: Opening, time: float) -> "Held":
+        """What a log that begins as `begin` at `time` [s] is taken to hold before: its first known values."""
+        last = {name: begin.first.get(name, math.nan) for name in HELD}
+        order = math.radians(last["rudder_order_deg"])
+        stands_in = math.isnan(last["rudder_angle_deg"]) and math.isfinite(order)
+        shaft = "shaft_speed_rps" if "shaft_speed_rps" in begin.first else "engine_order_rps"
+        return Held(shaft, last, (time, order) if stands_in else None, -math.inf)
 
 
 def table(
@@ -18,8 +54,9 @@ def table(
     motion: tuple[np.ndarray, np.ndarray],
     moving: Run,
     turning: Run | None,
-) -> pd.DataFrame:
-    """States by the columns of schema.STATES, one row per epoch of the log.
+    held: Held,
+) -> tuple[pd.DataFrame, Held]:
+    """States by the columns of schema.STATES, one row per epoch of a block of a log, and what they leave for the next block.
 
     `heading` and `motion` are mean and covariance of CAA and CTRA (filtered or smoothed), `moving` and `turning` the runs
     of the filters; innovations are told where `turning` is given. The standard deviations of surge and sway hold what the
@@ -29,6 +66,10 @@ def table(
     sd_psi, sd_r, sd_turn = np.sqrt(np.diagonal(heading[1], axis1=1, axis2=2)).T
     sd = np.sqrt(np.diagonal(motion[1], axis1=1, axis2=2)).T
     bow, stern = log.vessel.sway_stations
+    forcings, last, servo = _forcings(log, m, held)
+    fate = moving.fate[:, : len(m.fixes)]
+    used = np.where(((fate == USED) | (fate == REACQUIRED)).any(axis=1), m.time, held.used)
+    used = np.maximum.accumulate(used)
     columns = {
         "time_s": m.time,
         "north_m": north + m.origin[0],
@@ -53,38 +94,42 @@ def table(
         "sway_bow_m_s": v + r * bow,
         "sway_stern_m_s": v + r * stern,
         "drift_rad": np.arctan2(-v, u),
-        **_forcings(log, m),
+        **forcings,
         **(_consistency(m, moving, turning) if turning is not None else {}),
         "gated": (moving.fate == REJECTED).any(axis=1),
         "stale": m.stale,
-        "coasting": _coasting(m.time, moving.fate[:, : len(m.fixes)]),
+        "coasting": m.time - used > COASTING,  # or no position has been used yet
     }
-    return pd.DataFrame(columns)
+    return pd.DataFrame(columns), Held(held.shaft, last, servo, float(used[-1]))
 
 
-def _coasting(time, fate) -> np.ndarray:
-    """Whether no position has been used for longer than COASTING seconds, or none yet."""
-    used = ((fate == USED) | (fate == REACQUIRED)).any(axis=1)
-    return time - np.maximum.accumulate(np.where(used, time, -np.inf)) > COASTING
-
-
-def _forcings(log: Log, m: Measurements) -> dict[str, np.ndarray]:
-    """Orders in force, rudder angle, shaft speed and wind: the last known value, the first where none is known yet."""
-    order = np.radians(column(log, "rudder_order_deg"))
-    angle, shaft = np.radians(column(log, "rudder_angle_deg")), column(log, "shaft_speed_rps")
-    if not np.isfinite(angle).any() and np.isfinite(order).any():
-        orders = Orders.from_series(m.time, order)
-        angle = orders.servo(m.time, float(orders.at(m.time[0])), log.vessel.rudder_rate)
-    if not np.isfinite(shaft).any():
-        shaft = column(log, "engine_order_rps")
-    return {
-        "rudder_order_rad": carried(order),
-        "rudder_angle_rad": carried(angle),
-        "shaft_speed_rps": carried(shaft),
-        "engine_order_rps": carried(column(log, "engine_order_rps")),
-        "wind_speed_true_m_s": carried(column(log, "wind_speed_true_m_s")),
-        "wind_from_grid_rad": wrap(carried(np.radians(column(log, "wind_from_true_deg"))) - m.convergence),
+def _forcings(
+    log: Log, m: Measurements, held: Held
+) -> tuple[dict[str, np.ndarray], dict[str, float], tuple[float, float] | None]:
+    """Orders in force, rudder angle, shaft speed and wind: the last known value. And what `Held` keeps of them."""
+    values = {name: column(log, name) for name in HELD}
+    values = {name: carried(value, held.last[name]) for name, value in values.items()}
+    last = {name: float(value[-1]) for name, value in values.items()}
+    angle, servo = np.radians(values["rudder_angle_deg"]), held.servo
+    if servo is not None:
+        # The servo starts at the last new order, so that the blocks of a log are one servo to the last bit.
+        begun, start = servo
+        time = np.concatenate([[begun], m.time])
+        order = np.radians(np.concatenate([[held.last["rudder_order_deg"]], values["rudder_order_deg"]]))
+        orders = Orders.from_series(time, order)
+        angle = orders.servo(time, start, log.vessel.rudder_rate)[1:]
+        if len(orders.times) > 1:
+            renewed = float(orders.times[-1])
+            servo = renewed, float(orders.servo(np.array([begun, renewed]), start, log.vessel.rudder_rate)[1])
+    forcings = {
+        "rudder_order_rad": np.radians(values["rudder_order_deg"]),
+        "rudder_angle_rad": angle,
+        "shaft_speed_rps": values[held.shaft],
+        "engine_order_rps": values["engine_order_rps"],
+        "wind_speed_true_m_s": values["wind_speed_true_m_s"],
+        "wind_from_grid_rad": wrap(np.radians(values["wind_from_true_deg"]) - m.convergence),
     }
+    return forcings, last, servo
 
 
 def _consistency(m: Measurements, moving: Run, turning: Run) -> dict[str, np.ndarray]:

@@ -23,7 +23,7 @@ FLOOR = 1e-3  # m or deg: smaller errors are drawn here, since logarithmic axes 
 SOFT = 0.1  # deg: heading errors are drawn on a scale that is linear below this and logarithmic above
 
 
-def _dress(figure: "Figure", height: int, **layout) -> "Figure":
+def dress(figure: "Figure", height: int, **layout) -> "Figure":
     """The look that all figures share."""
     figure.update_layout(
         template="none",
@@ -43,7 +43,7 @@ def _dress(figure: "Figure", height: int, **layout) -> "Figure":
     return figure
 
 
-def _faded(colour: str, opacity: float) -> str:
+def faded(colour: str, opacity: float) -> str:
     red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
     return f"rgba({red},{green},{blue},{opacity})"
 
@@ -64,7 +64,7 @@ def tracks(case: Example, vessel: Vessel, colour: Mapping[str, str]) -> "Figure"
         shared = {"legendgroup": name, "legendrank": rank, "visible": True if rank < HIDDEN else "legendonly"}
         hull = _joined(path.at(case.hulls).outline(vessel.outline()))
         figure.add_scatter(
-            x=hull[:, 1], y=hull[:, 0], mode="lines", fill="toself", fillcolor=_faded(ink, 0.13),
+            x=hull[:, 1], y=hull[:, 0], mode="lines", fill="toself", fillcolor=faded(ink, 0.13),
             line={"color": ink, "width": 1}, hoverinfo="skip", showlegend=False, **shared,
         )  # fmt: skip
         figure.add_scatter(
@@ -86,7 +86,7 @@ def tracks(case: Example, vessel: Vessel, colour: Mapping[str, str]) -> "Figure"
             draw(name, case.paths[name], colour[name], 3 if name in case.shown else HIDDEN)
     draw(case.reference_name, case.reference, INK, 1)
     draw(case.main, case.paths[case.main], colour[case.main], 2)
-    return _dress(
+    return dress(
         figure,
         640,
         xaxis={"title": {"text": "east of the start [m]"}, "constrain": "domain"},
@@ -125,7 +125,7 @@ def course_of(case: Example, vessel: Vessel, colour: Mapping[str, str]) -> "Figu
             hovertemplate="%{x:.0f} s: %{y:.1f} m, region %{customdata:+.0f}", row=3, col=1,
         )  # fmt: skip
     figure.add_scatter(x=[0], y=[0], opacity=0, showlegend=False, hoverinfo="skip", row=3, col=1, secondary_y=True)
-    _dress(figure, 640)
+    dress(figure, 640)
     figure.update_xaxes(title_text="time from the start [s]", row=3)
     reach = 1.1 * float(np.degrees(vessel.rudder_max))
     figure.update_yaxes(title_text="deg", range=[-reach, reach], row=1)
@@ -162,7 +162,7 @@ def growth(evaluation: Evaluation) -> "Figure":
                         legendgroup=name, showlegend=(row, col, share) == (1, 1, 50),
                         hovertemplate=f"{name}, {share} %: %{{y:.3g}} {'m' if row == 1 else 'deg'} at %{{x:.0f}} s<extra></extra>",
                     )  # fmt: skip
-    _dress(figure, 700, legend_y=-0.1)
+    dress(figure, 700, legend_y=-0.1)
     figure.update_yaxes(type="log", dtick=1, exponentformat="none")
     figure.update_yaxes(title_text="position error [m]", row=1, col=1)
     figure.update_yaxes(title_text="absolute heading error [deg]", row=2, col=1)
@@ -189,10 +189,10 @@ def boxes(evaluation: Evaluation, group: str) -> "Figure":
             figure.add_box(
                 x=[f"{horizon:g} s" for horizon in horizons], lowerfence=low, q1=first, median=middle, q3=third,
                 upperfence=high, name=name, offsetgroup=name, legendgroup=name, showlegend=row == 1,
-                line={"color": colour[name], "width": 1.5}, fillcolor=_faded(colour[name], 0.25),
+                line={"color": colour[name], "width": 1.5}, fillcolor=faded(colour[name], 0.25),
                 hoverinfo="y" if row == 1 else "skip", row=row, col=1,
             )  # fmt: skip
-    _dress(figure, 680, boxmode="group", boxgap=0.15, boxgroupgap=0.15, legend_y=-0.1)
+    dress(figure, 680, boxmode="group", boxgap=0.15, boxgroupgap=0.15, legend_y=-0.1)
     figure.update_yaxes(title_text="position error [m]", type="log", dtick=1, exponentformat="none", row=1, col=1)
     ticks = np.array([0, 0.1, 0.3, 1, 3, 10, 30, 90, 180])
     ticks = np.concatenate([-ticks[:0:-1], ticks])
@@ -216,5 +216,5 @@ def training(curves: Mapping[str, pd.DataFrame]) -> "Figure":
         over = "epoch" if "epoch" in table else "step"
         ink = inks[number % len(inks)]
         figure.add_scatter(x=table[over], y=table[column], name=f"{run}: {column}", mode="lines", line={"color": ink})
-    _dress(figure, 380, xaxis_title_text="epoch", yaxis_title_text="loss", yaxis_type="log", yaxis_dtick="D2")
+    dress(figure, 380, xaxis_title_text="epoch", yaxis_title_text="loss", yaxis_type="log", yaxis_dtick="D2")
     return figure

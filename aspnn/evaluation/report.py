@@ -1,18 +1,14 @@
 """The report: one HTML file with everything in it, interactive and readable without a network."""
 
-import platform
-import re
 from collections import Counter
 from collections.abc import Mapping
-from importlib import metadata as packages
-from importlib import resources
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from aspnn import __version__, records
+from aspnn import records
 from aspnn.evaluation import plots
 from aspnn.evaluation.evaluate import (
     BASELINES,
@@ -27,10 +23,8 @@ from aspnn.evaluation.evaluate import (
     reference_note,
 )
 from aspnn.evaluation.examples import Example, colours, examples
+from aspnn.evaluation.page import embed, fill, versions
 from aspnn.evaluation.windows import Rule
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
 
 WORDS = {
     "caa_ctra": "kinematic: accelerations of surge, sway and yaw held (CAA and CTRA)",
@@ -58,25 +52,21 @@ def write_report(
 
 def render(evaluation: Evaluation, curves: Mapping[str, pd.DataFrame], notes: Mapping[str, str]) -> str:
     """The report as HTML text."""
-    from jinja2 import Environment
-
     colour = colours(evaluation)
     groups = headline_groups(evaluation)
-    source = resources.files("aspnn.evaluation").joinpath("report.html.jinja").read_text(encoding="utf-8")
-    template = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(source)
     cases = [
         {
             "title": case.title,
             "group": case.group,
             "about": f"{case.voyage}, start at {case.time:g} s, rudder {_plan(case)}",
             "error": f"{metres(evaluation, case.errors[case.main][-1])} m",
-            "tracks": _html(plots.tracks(case, evaluation.vessel, colour), f"tracks-{number}"),
-            "course": _html(plots.course_of(case, evaluation.vessel, colour), f"course-{number}"),
+            "tracks": embed(plots.tracks(case, evaluation.vessel, colour), f"tracks-{number}"),
+            "course": embed(plots.course_of(case, evaluation.vessel, colour), f"course-{number}"),
         }
         for number, case in enumerate(examples(evaluation))
     ]
-    return template.render(
-        plotly=_bundle(),
+    return fill(
+        "report.html.jinja",
         main=evaluation.main,
         vessel=evaluation.vessel,
         horizon=f"{evaluation.rule.horizon:g}",
@@ -86,9 +76,9 @@ def render(evaluation: Evaluation, curves: Mapping[str, pd.DataFrame], notes: Ma
         words=WORDS,
         headline=[_headline(evaluation, group) for group in groups],
         cases=cases,
-        growth=_html(plots.growth(evaluation), "growth"),
-        boxes=[(group, TITLES[group], _html(plots.boxes(evaluation, group), f"boxes-{group}")) for group in groups],
-        training=_html(plots.training(curves), "training") if curves else "",
+        growth=embed(plots.growth(evaluation), "growth"),
+        boxes=[(group, TITLES[group], embed(plots.boxes(evaluation, group), f"boxes-{group}")) for group in groups],
+        training=embed(plots.training(curves), "training") if curves else "",
         details=[_details(evaluation, group) for group in groups],
         definitions=definitions(evaluation.rule),
         left_out=evaluation.left_out,
@@ -96,7 +86,7 @@ def render(evaluation: Evaluation, curves: Mapping[str, pd.DataFrame], notes: Ma
         excluded=sum((Counter(entry["excluded"]) for entry in evaluation.data), Counter()),
         windows=len(evaluation.windows),
         data=evaluation.data,
-        metadata=_versions() | {"bootstrap seed": evaluation.seed, **notes},
+        metadata=versions() | {"bootstrap seed": evaluation.seed, **notes},
     )
 
 
@@ -168,23 +158,3 @@ def _plan(case: Example) -> str:
         for time, value in zip(rudder.times, rudder.values, strict=True)
     ]
     return ", ".join(words[:4]) + (" and further orders" if len(words) > 4 else "")
-
-
-def _html(figure: "Figure", name: str) -> str:
-    """A figure as the HTML of its own element; the plotly bundle stands once in the page."""
-    from plotly.io import to_html
-
-    config = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}
-    return to_html(figure, full_html=False, include_plotlyjs=False, config=config, div_id=name)
-
-
-def _bundle() -> str:
-    """plotly's script. Its links to makers of web maps, which this page never shows, are taken out: no address is left."""
-    from plotly.offline import get_plotlyjs
-
-    return re.sub(r"""(href=\\?["'])https?://[^"'\\]*""", r"\1#", get_plotlyjs())
-
-
-def _versions() -> dict[str, Any]:
-    names = ("torch", "numpy", "scipy", "numba", "plotly")
-    return {"aspnn": __version__, "python": platform.python_version()} | {n: packages.version(n) for n in names}

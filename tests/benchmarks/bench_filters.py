@@ -14,8 +14,8 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from aspnn.estimation import compiled, filter_log
-from aspnn.estimation.measurements import from_log
 from aspnn.estimation.exact import heading_problem, motion_problem, transition, white_jerk
+from aspnn.estimation.measurements import from_log
 from aspnn.simulation import Scenario, simulate_scenario
 
 PLAIN = 6000  # epochs that the plain loop runs over

@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from aspnn.estimation import compiled, reference
-from aspnn.estimation.measurements import from_log
 from aspnn.estimation.exact import heading_problem, motion_problem
+from aspnn.estimation.measurements import from_log
 from aspnn.estimation.problem import MISSING, REACQUIRED, REJECTED, USED
 
 
@@ -87,7 +87,7 @@ def test_smoother_equals_batch_least_squares(voyage):
     """Oracle: all states of a short log at once, as one weighted least-squares problem solved densely."""
     _, problem = both_problems(replace(voyage[0], table=voyage[0].table.iloc[::20].head(12).reset_index(drop=True)))
     problem = replace(problem, F=problem.F[1:], Q=problem.Q[1:], time=problem.time[1:], H=problem.H[1:])
-    problem = replace(problem, z=problem.z[1:], R=problem.R[1:], gated=np.zeros(3, bool))
+    problem = replace(problem, z=problem.z[1:], R=problem.R[1:], gates=np.full((3, 2), np.inf))
     problem, _ = drawn(problem, np.random.default_rng(5))
     n, d = len(problem.time), 6
     information, weighted = np.zeros((n * d, n * d)), np.zeros(n * d)
@@ -125,7 +125,7 @@ def test_innovations_of_matched_noise_are_chi_square(voyage):
     """
     rng = np.random.default_rng(11)
     for problem in both_problems(replace(voyage[0], table=voyage[0].table.iloc[:6000])):
-        problem = replace(problem, gated=np.zeros(len(problem.gated), bool), angle=np.zeros(len(problem.angle), bool))
+        problem = replace(problem, gates=np.full_like(problem.gates, np.inf), angle=np.zeros(len(problem.angle), bool))
         problem, truth = drawn(problem, rng)
         run = compiled.run(problem)
         for b in range(problem.z.shape[1]):

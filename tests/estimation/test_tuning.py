@@ -1,15 +1,18 @@
-"""Maximum likelihood finds the noise that the data were made with."""
+"""Maximum likelihood finds the noise that the data were made with; noise files carry it to the filters."""
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from aspnn.estimation.tuning import tune_noise
+from aspnn import cli, records, workflow
+from aspnn.estimation.noise_file import with_noise_file, write_noise_file
+from aspnn.estimation.tuning import Tuning, tune
 from aspnn.records import Log
 from aspnn.schema import InputError
-from aspnn.vessel import Noise, load_vessel
+from aspnn.vessel import Calibration, Noise, load_vessel
 
 TRUE = Noise(position=0.3, heading=0.004, yaw_rate=0.0005, acceleration=0.02, jerk_density=4e-6, yaw_jerk_density=3e-9)
 
@@ -45,15 +48,114 @@ def made_log(seed: int, n: int = 6000, dt: float = 0.1) -> Log:
 
 
 def test_likelihood_finds_the_noise():
-    """Oracle: the noise the log was made with. Sensors within 3 % (6000 samples: sd 0.9 %), densities within a half."""
+    """Oracle: the noise the log was made with. Sensors within 3 % (6000 samples: sd 0.9 %), densities within a half.
+
+    Statistic: the standard errors are those of 6000 samples, sd / sqrt(2 n) per row, and tell the errors within 4 of them.
+    """
     vessel = replace(load_vessel("cargo90"), noise=Noise())
-    found = tune_noise([made_log(1)], vessel, sensors=True)
+    tuning = tune([made_log(1)], vessel, sensors=True)
+    found = tuning.vessel.noise
     for name in ("position", "heading", "yaw_rate", "acceleration"):
         assert getattr(found, name) == pytest.approx(getattr(TRUE, name), rel=0.03), name
-    assert found.jerk_density == pytest.approx(TRUE.jerk_density, rel=0.5)
-    assert found.yaw_jerk_density == pytest.approx(TRUE.yaw_jerk_density, rel=0.5)
+        assert abs(getattr(found, name) - getattr(TRUE, name)) < 4 * tuning.errors[name], name
+    for name, rows in (("heading", 1), ("position", 2), ("acceleration", 2)):
+        assert tuning.errors[name] == pytest.approx(getattr(TRUE, name) / np.sqrt(2 * 6000 * rows), rel=0.1), name
+    for name in ("jerk_density", "yaw_jerk_density"):
+        assert getattr(found, name) == pytest.approx(getattr(TRUE, name), rel=0.5)
+        assert abs(getattr(found, name) - getattr(TRUE, name)) < 4 * tuning.errors[name], name
+    assert tuning.after > tuning.before and tuning.start == vessel
+    assert tuning.vessel.calibration == Calibration()  # not sought
 
 
 def test_no_log_is_said():
+    """Contract: one line."""
     with pytest.raises(InputError, match="no log"):
-        tune_noise([], load_vessel("cargo90"))
+        tune([], load_vessel("cargo90"))
+
+
+@pytest.fixture(scope="module")
+def tuned():
+    """What tuning might have found: every field another than before."""
+    vessel = load_vessel("cargo90")
+    after = replace(vessel, noise=TRUE, calibration=Calibration(0.02, 0.2, 0.0, 0.5, 0.1))
+    errors = {"position": 0.01, "heading_offset": np.radians(0.1), "jerk_density": 1e-7}
+    return Tuning(vessel, after, errors, {"heading_delay": "the clock"}, 10.0, 11.0)
+
+
+def test_noise_file_is_read_back_unchanged(tuned, tmp_path):
+    """Round trip, bit for bit; provenance names logs with their SHA-256 and standard errors in the units of the keys."""
+    records.write_log(made_log(2, n=50), tmp_path / "one.parquet")
+    path = tmp_path / "noise.json"
+    write_noise_file(tuned, [tmp_path / "one.parquet"], path)
+    assert with_noise_file(tuned.start, path) == tuned.vessel
+    said = json.loads(path.read_text())["provenance"]
+    assert said["logs"] == [{"name": "one.parquet", "sha256": records.sha256(tmp_path / "one.parquet")}]
+    assert said["standard_errors"]["calibration.heading_offset_deg"] == pytest.approx(0.1)
+    assert said["log_likelihood_per_epoch"] == {"before": 10.0, "after": 11.0}
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"vessel": "tug"}, "is for vessel tug, not for cargo90"),
+        ({"sensor": {}}, "key sensor is not known, did you mean sensors"),
+        ({"sensors": {"position": 1.0}}, "sensors.position is not a known noise"),
+        ({"process": {"jerk_density_m2_s5": -1.0}}, "process.jerk_density_m2_s5 = -1.0 must be a positive"),
+        ({"calibration": {"position_delay_s": 9.0}}, "calibration.position_delay_s = 9.0 must be"),
+        ({"calibration": 0.2}, "calibration must be an object"),
+    ],
+)
+def test_wrong_noise_file_is_one_line(tuned, tmp_path, change, words):
+    """Contract: InputError that names the file and the key."""
+    path = tmp_path / "noise.json"
+    write_noise_file(tuned, [], path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(InputError, match=f"noise.json: .*{words}") as error:
+        with_noise_file(tuned.start, path)
+    assert "\n" not in str(error.value)
+
+
+def test_noise_file_that_cannot_be_read_is_one_line(tuned, tmp_path):
+    """Contract: absent, not JSON, not an object."""
+    (tmp_path / "torn.json").write_text("{")
+    (tmp_path / "list.json").write_text("[]")
+    for name, words in (("absent", "cannot be read"), ("torn", "not JSON"), ("list", "a noise file holds one")):
+        with pytest.raises(InputError, match=f"{name}.json: {words}"):
+            with_noise_file(tuned.start, tmp_path / f"{name}.json")
+
+
+def run(monkeypatch, *words) -> int:
+    """Exit code of the command in this process."""
+    monkeypatch.setattr("sys.argv", ["aspnn", *map(str, words)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    return end.value.code
+
+
+def test_the_command_tunes_and_the_filter_uses_it(tmp_path, monkeypatch, capsys):
+    """Contract: a table, a noise file, states of the tuned vessel; the noise found is that of `tune` on the same log."""
+    log, out = tmp_path / "one.parquet", tmp_path / "noise.json"
+    made, noise = made_log(3, n=1500), replace(TRUE, jerk_density=1.7e-6, yaw_jerk_density=1e-8)
+    records.write_log(replace(made, vessel=replace(made.vessel, noise=noise)), log)
+    assert run(monkeypatch, "tune", log, "--out", out) == 0
+    said = capsys.readouterr().out
+    assert "process.jerk_density_m2_s5" in said and "log-likelihood per epoch" in said and "not sought" in said
+    expected = tune([records.read_log(log)], records.read_log(log).vessel).vessel
+    assert expected.noise.position == TRUE.position and expected.noise.jerk_density != 1.7e-6
+    assert with_noise_file(load_vessel("cargo90"), out).noise == expected.noise
+    assert run(monkeypatch, "filter", log, "--out", tmp_path / "states", "--noise", out, "--quiet") == 0
+    states = records.read_states(tmp_path / "states" / "one.states.parquet")
+    assert asdict(states.vessel.noise) == asdict(expected.noise)
+    plain = workflow.filter_files([log], tmp_path / "plain")
+    assert not np.allclose(records.read_states(plain[0])["sway_m_s"], states["sway_m_s"])
+
+
+def test_logs_of_two_vessels_are_refused(tmp_path, monkeypatch, capsys):
+    """Contract: exit code 2, one line that names both, no file."""
+    log = made_log(4, n=50)
+    records.write_log(log, tmp_path / "one.parquet")
+    records.write_log(replace(log, vessel=replace(log.vessel, name="tug")), tmp_path / "two.parquet")
+    assert run(monkeypatch, "tune", tmp_path, "--out", tmp_path / "noise.json") == 2
+    said = capsys.readouterr().err
+    assert "tug" in said and "cargo90" in said and said.count("\n") == 1
+    assert not (tmp_path / "noise.json").exists()
