@@ -2,6 +2,7 @@
 
 from aspnn.logs.csv_map import import_csv
 from aspnn.logs.esso_osaka import import_esso_osaka
+from aspnn.logs.n2k_yacht import import_n2k_yacht
 from aspnn.logs.nmea import import_nmea0183
 
-__all__ = ["import_csv", "import_esso_osaka", "import_nmea0183"]
+__all__ = ["import_csv", "import_esso_osaka", "import_n2k_yacht", "import_nmea0183"]
