@@ -126,7 +126,9 @@ STATES = (
     Column("nis_NAME", "-", "-", "normalised innovation squared of antenna NAME, 2 degrees of freedom"),
     Column("nis_acceleration", "-", "-", "normalised innovation squared of the accelerations, 2 degrees of freedom"),
     Column("gated", "bool", "-", "a fix was rejected by the chi-square gate", needed=True),
-    Column("stale", "bool", "-", "a fix repeats its predecessor and was not used", needed=True),
+    Column(
+        "stale", "bool", "-", "a fix repeats its predecessor, or another sensor sticks, and was not used", needed=True
+    ),
     Column("coasting", "bool", "-", "no position has been used for longer than two seconds", needed=True),
 )
 

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from aspnn.estimation import flow, kernels
+from aspnn.estimation import flow, kernels, problem
 from aspnn.estimation.flow import NOISE_STEP, flow_covariance, flow_points, noise_of
-from aspnn.estimation.kernels import ACCELERATION, LINEAR, POSITION, measure, measure_jacobian
+from aspnn.estimation.kernels import ACCELERATION, CTRA6, LINEAR, POSITION, measure, measure_jacobian
 from aspnn.estimation.problem import (
+    AGAIN,
     COASTING,
     DOUBTED,
     MISSING,
@@ -29,8 +30,8 @@ from aspnn.estimation.problem import (
     Problem,
 )
 
-# numba's cache does not see a change of what a function calls; as a constant of the engine this makes it see.
-SOURCES = zlib.crc32(b"".join(Path(str(module.__file__)).read_bytes() for module in (kernels, flow)))
+# numba's cache sees no change of what a function takes from other modules; as a constant of the engine this makes it see.
+SOURCES = zlib.crc32(b"".join(Path(str(module.__file__)).read_bytes() for module in (kernels, flow, problem)))
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def _filter_of(states: int, sources: int):
     @njit(cache=True, error_model="numpy", nogil=True)
     def kalman(start, data, model, limits, out):
         assert sources  # see SOURCES
-        x0, P0, last, rejections = start
+        x0, P0, last, rejections, given_in = start
         time, z, R, angle, gates, group, place, rate = data
         F, Q, H, span, given, sensors, stations, inflation, density, kind, least, order, step, spread, wm, wc = model
         factor, threshold, spreads = limits
@@ -104,7 +105,7 @@ def _filter_of(states: int, sources: int):
         x, P, A, h = x0.copy(), P0.copy(), np.empty((d, d)), np.zeros((2, d))
         G, K = np.empty((2, d)), np.empty((2, d))
         unscented, crossing = len(wm) > 0, len(cross) > 0
-        one, reading, Phi = np.empty((d, 1)), np.empty((2, 1)), np.empty((d, d))
+        one, reading, Phi, work = np.empty((d, 1)), np.empty((2, 1)), np.empty((d, d)), np.empty((8, d, d + 1))
         p, noise, old, later = np.empty(7), density.copy(), np.empty(d), np.empty(d)
         size = points if unscented else 0
         X, Y, before = np.empty((d, size)), np.empty((d, size)), np.empty((d, size))
@@ -150,10 +151,10 @@ def _filter_of(states: int, sources: int):
                             X[i, j] -= x[i]
                     # The noise on the way, from the mean: E21
                     if dt <= NOISE_STEP:
-                        noise_of(kind, least, given[k - 1], 0.0, dt, noise, p, old, x, A)
+                        noise_of(kind, least, given[k - 1], 0.0, dt, noise, p, old, x, A, work[0], work[1])
                     else:
                         A[:] = 0.0
-                        flow_covariance(kind, least, given[k - 1], dt, 4, dt, noise, p, later, A, Phi)
+                        flow_covariance(kind, least, given[k - 1], dt, 4, dt, noise, p, later, A, Phi, work)
                     for i in range(d):
                         for j in range(i, d):
                             total = A[i, j]
@@ -169,7 +170,7 @@ def _filter_of(states: int, sources: int):
                 else:
                     if crossing:
                         A[:] = P
-                    flow_covariance(kind, least, given[k - 1], dt, order, step, noise, p, x, P, Phi)
+                    flow_covariance(kind, least, given[k - 1], dt, order, step, noise, p, x, P, Phi, work)
                     if crossing:
                         for i in range(d):
                             for j in range(d):
@@ -211,8 +212,9 @@ def _filter_of(states: int, sources: int):
                     p[4] = p[6] = np.sin(rest)
                     sensor, ahead, starboard = sensors[b], stations[b, 0], stations[b, 1]
                     # Where a sensor is linear in the state the unscented update is the linear one.
+                    bent = ahead != 0 or starboard != 0
                     curved = unscented and (
-                        sensor == ACCELERATION or (sensor == POSITION and (ahead != 0 or starboard != 0))
+                        (sensor == ACCELERATION and kind != CTRA6) or (sensor == POSITION and d == 8 and bent)
                     )
                     if not curved:
                         measure(kind, least, one, p, sensor, ahead, starboard, reading)
@@ -277,11 +279,13 @@ def _filter_of(states: int, sources: int):
                     if rejections[g] < REJECTIONS or time[k] - last[g] < COASTING:
                         taken = REJECTED
                         break
-                    # The offset has grown since the last accepted value: so wide may place and rate be wrong.
+                    # So wide may the place be wrong; and if that is not the first time, its rate.
                     taken = REACQUIRED
                     away = y0 * y0 + y1 * y1
+                    faster = 1.0 / (time[k] - last[g]) ** 2 if time[k] - given_in[g] < AGAIN else 0.0
+                    given_in[g] = time[k]
                     for i in range(d):
-                        wider = away * (place[b, i] + rate[b, i] / (time[k] - last[g]) ** 2)
+                        wider = away * (place[b, i] + rate[b, i] * faster)
                         P[i, i] += wider
                         Pp[k, i, i] += wider
                 likelihood -= 0.5 * (rows * np.log(2 * np.pi) + np.log(determinant) + min(square, worst))
@@ -345,7 +349,9 @@ def beginning(problem: Problem | ModelProblem) -> Carry:
     """The carry that a log begins with."""
     groups = int(problem.group.max()) + 1
     begin = float(problem.time[0])
-    return Carry(begin, problem.x0, problem.P0, np.full(groups, begin), np.zeros(groups, np.int64))
+    return Carry(
+        begin, problem.x0, problem.P0, np.full(groups, begin), np.zeros(groups, np.int64), np.full(groups, -np.inf)
+    )
 
 
 def run(problem: Problem | ModelProblem, carry: Carry | None = None, crossing: bool = False) -> Run:
@@ -356,7 +362,7 @@ def run(problem: Problem | ModelProblem, carry: Carry | None = None, crossing: b
     p, d = problem, len(problem.x0)
     n, blocks = p.z.shape[:2]
     carry = carry or beginning(p)
-    last, rejections = carry.last.copy(), carry.rejections.copy()
+    gone = carry.last.copy(), carry.rejections.copy(), carry.given_in.copy()
     out = (
         np.empty((n, d)),
         np.empty((n, d, d)),
@@ -369,13 +375,13 @@ def run(problem: Problem | ModelProblem, carry: Carry | None = None, crossing: b
         np.zeros((n if crossing and isinstance(p, ModelProblem) else 0, d, d)),
     )
     likelihood = _FILTERS[d if isinstance(p, Problem) else 0](
-        (np.array(carry.x, float), np.array(carry.P, float), last, rejections),
+        (np.array(carry.x, float), np.array(carry.P, float), *gone),
         (p.time, p.z, p.R, p.angle, p.gates, p.group, p.place, p.rate),
         _model_of(p),
         (p.outliers.factor, p.outliers.threshold, p.outliers.spread),
         out,
     )
-    end = Carry(float(p.time[-1]), out[2][-1].copy(), out[3][-1].copy(), last, rejections)
+    end = Carry(float(p.time[-1]), out[2][-1].copy(), out[3][-1].copy(), *gone)
     return Run(*out, log_likelihood=likelihood, carry=end)
 
 

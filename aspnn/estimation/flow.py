@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from aspnn.estimation.kernels import CTRA6, CTRA8, drift, tangent
+from aspnn.estimation.kernels import CTRA6, CTRA8, drift, moving, tangent
 
 NOISE_STEP = 0.5  # s: the noise of a longer way is gathered in parts, each with its own Jacobian
 
@@ -24,89 +24,95 @@ def at_stage(kind, given, t, psi, p):
 
 
 @njit(cache=True, error_model="numpy")
-def flow_state(kind, least, given, begin, dt, order, steps, p, W):
+def flow_state(kind, least, given, begin, dt, order, steps, p, W, K, Y, sums):
     """Take W (d, d + 1), a sensitivity and in the last column the state, from `begin` to begin + dt [s] after `given` was told.
 
-    In place. Each of the `steps` solves x' = f(x) and Phi' = F(x) Phi together, by the midpoint rule (order 2) or the
+    In place; K, Y, sums (d, d + 1) are work space. Each of the `steps` solves x' = f(x) and Phi' = F(x) Phi together, by the midpoint rule (order 2) or the
     classical Runge-Kutta method (order 4).
     """
     d, h = W.shape[0], dt / steps
-    K, Y, total, psi = np.empty((d, d + 1)), np.empty((d, d + 1)), np.empty(d * (d + 1)), min(4, d - 1)
-    k, y, w = K.reshape(-1), Y.reshape(-1), W.reshape(-1)  # the same numbers in one row
+    psi, size = min(4, d - 1), moving(kind) * (d + 1)
+    k, y, w, total = K.reshape(-1), Y.reshape(-1), W.reshape(-1), sums.reshape(-1)  # the same numbers in one row
+    for i in range(w.size):
+        y[i] = w[i]
     for n in range(steps):
         t = begin + n * h
         at_stage(kind, given, t, W[psi, d], p)
         tangent(kind, least, p, W, K)
-        for i in range(w.size):
+        for i in range(size):
             y[i] = w[i] + 0.5 * h * k[i]
         at_stage(kind, given, t + 0.5 * h, Y[psi, d], p)
         if order == 2:
             tangent(kind, least, p, Y, K)
-            for i in range(w.size):
+            for i in range(size):
                 w[i] += h * k[i]
             continue
-        total[:] = k
+        for i in range(size):
+            total[i] = k[i]
         for stage in range(2, 4):
             tangent(kind, least, p, Y, K)
             ahead = 0.5 * h if stage == 2 else h
-            for i in range(w.size):
+            for i in range(size):
                 total[i] += 2 * k[i]
                 y[i] = w[i] + ahead * k[i]
             at_stage(kind, given, t + ahead, Y[psi, d], p)
         tangent(kind, least, p, Y, K)
-        for i in range(w.size):
+        for i in range(size):
             w[i] += h / 6 * (total[i] + k[i])
 
 
 @njit(cache=True, error_model="numpy")
 def flow_points(kind, least, given, dt, order, step, p, X, K, Y, total):
     """Take the points X (d, s) a time dt [s] on, as `flow_state`, in place; K, Y (d, s) and total (d s) are work space."""
-    steps, psi = steps_of(dt, step), min(4, X.shape[0] - 1)
+    steps, psi, size = steps_of(dt, step), min(4, X.shape[0] - 1), moving(kind) * X.shape[1]
     h = dt / steps
     x, k, y = X.reshape(-1), K.reshape(-1), Y.reshape(-1)
+    for i in range(x.size):
+        y[i] = x[i]
     for n in range(steps):
         t = n * h
         at_stage(kind, given, t, X[psi, 0], p)
         drift(kind, least, X, p, K)
-        for i in range(x.size):
+        for i in range(size):
             y[i] = x[i] + 0.5 * h * k[i]
         at_stage(kind, given, t + 0.5 * h, Y[psi, 0], p)
         if order == 2:
             drift(kind, least, Y, p, K)
-            for i in range(x.size):
+            for i in range(size):
                 x[i] += h * k[i]
             continue
-        total[:] = k
+        for i in range(size):
+            total[i] = k[i]
         for stage in range(2, 4):
             drift(kind, least, Y, p, K)
             ahead = 0.5 * h if stage == 2 else h
-            for i in range(x.size):
+            for i in range(size):
                 total[i] += 2 * k[i]
                 y[i] = x[i] + ahead * k[i]
             at_stage(kind, given, t + ahead, Y[psi, 0], p)
         drift(kind, least, Y, p, K)
-        for i in range(x.size):
+        for i in range(size):
             x[i] += h / 6 * (total[i] + k[i])
 
 
 @njit(cache=True, error_model="numpy")
-def noise_of(kind, least, given, begin, dt, density, p, x0, x1, Q):
+def noise_of(kind, least, given, begin, dt, density, p, x0, x1, Q, L, T):
     """Q (d, d): covariance of the noise on the way from x0 (d) to x1 (d), from `begin` to begin + dt [s].
+
+    L, T (d, d + 1) are work space.
 
     Sum over k of dt^(k+1) / (k+1)! L^k(diag density), L(X) = F X + X F', k to 4: the series of Van Loan's integral with the
     Jacobian F held at the middle of the way; no term is missing for CAA and CTRA, for CMM those of a dt / V and beyond in what
     is of order dt^5.
     """
     d = len(x0)
-    L, T = np.zeros((d, d + 1)), np.empty((d, d + 1))
-    for i in range(d):
-        L[i, d] = 0.5 * (x0[i] + x1[i])
-        L[i, i] = density[i]
-    at_stage(kind, given, begin + dt / 2, L[min(4, d - 1), d], p)
     for i in range(d):
         for j in range(d):
-            L[i, j] *= dt
+            L[i, j] = dt * density[i] if i == j else 0.0
             Q[i, j] = L[i, j]
+            T[i, j] = 0.0
+        L[i, d] = 0.5 * (x0[i] + x1[i])
+    at_stage(kind, given, begin + dt / 2, L[min(4, d - 1), d], p)
     for k in range(2, 6):
         tangent(kind, least, p, L, T)
         for i in range(d):
@@ -119,7 +125,7 @@ def noise_of(kind, least, given, begin, dt, density, p, x0, x1, Q):
 
 @njit(cache=True, error_model="numpy")
 def _product(A, B, out):
-    """out = A B for square matrices, A perhaps with further columns, passing over its zeros."""
+    """out = A B of square matrices, any with a further column that is passed over; so are the zeros of A."""
     d = A.shape[0]
     for i in range(d):
         for j in range(d):
@@ -131,24 +137,24 @@ def _product(A, B, out):
 
 
 @njit(cache=True, error_model="numpy")
-def flow_covariance(kind, least, given, dt, order, step, density, p, x, P, Phi):
+def flow_covariance(kind, least, given, dt, order, step, density, p, x, P, Phi, work):
     """Take x (d) and P (d, d) a time dt on, in place; Phi (d, d) <- the sensitivity of the way.
 
     P <- Phi P Phi' + noise, part by part: the solution of the thesis's P' = F P + P F' + Q (table 3.3, E20), and never less
-    than positive semidefinite.
+    than positive semidefinite. work (8, d, d + 1) is work space.
     """
     d, parts = len(x), steps_of(dt, NOISE_STEP)
     part = dt / parts
-    W, x0, Q, T, own = np.empty((d, d + 1)), np.empty(d), np.empty((d, d)), np.empty((d, d)), np.empty((d, d))
+    W, Q, T, own, x0 = work[0], work[1], work[2], work[3], work[7, 0]
     for q in range(parts):
         for i in range(d):
             x0[i] = W[i, d] = x[i]
             for j in range(d):
                 W[i, j] = 1.0 if i == j else 0.0
-        flow_state(kind, least, given, q * part, part, order, steps_of(part, step), p, W)
+        flow_state(kind, least, given, q * part, part, order, steps_of(part, step), p, W, work[4], work[5], work[6])
         for i in range(d):
             x[i] = W[i, d]
-        noise_of(kind, least, given, q * part, part, density, p, x0, x, Q)
+        noise_of(kind, least, given, q * part, part, density, p, x0[:d], x, Q, work[4], work[5])
         _product(W, P, T)
         for i in range(d):
             for j in range(d):

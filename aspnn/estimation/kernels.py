@@ -14,6 +14,14 @@ POSITION, HEADING, YAW_RATE, ACCELERATION = range(4)  # what a sensor tells
 
 
 @njit(cache=True, error_model="numpy")
+def moving(kind):
+    """How many states drift; the others, last in order, are constant but for noise, and nobody writes their drift."""
+    if kind == CAA:
+        return 2
+    return 5 if kind in (CTRA8, CMM8) else 4
+
+
+@njit(cache=True, error_model="numpy")
 def turn_of(kind, x, j, p):
     """Heading, yaw rate and yaw acceleration of column j."""
     if kind == CAA:
@@ -51,14 +59,14 @@ def direction_slopes(v_n, v_e, p, least):
 
 @njit(cache=True, error_model="numpy")
 def drift(kind, least, x, p, out):
-    """out (d, s) = dx / dt.
+    """out (d, s) = dx / dt, the first `moving` rows of it.
 
     CAA (thesis 3.32): psi' = r, r'' = 0. CTRA (thesis 3.30, E4): place' = R(psi) (u, v), (u, v)' = (a_u, a_v), psi' = r. CMM
     (thesis 3.28): place' = v, v' = a_t f + a_n f_perp with f along the path and f_perp to its starboard, psi' = r.
     """
     if kind == CAA:
         for j in range(x.shape[1]):
-            out[0, j], out[1, j], out[2, j] = x[1, j], x[2, j], 0.0
+            out[0, j], out[1, j] = x[1, j], x[2, j]
     elif kind in (CTRA6, CTRA8):
         a = 4 if kind == CTRA6 else 6
         c, s = p[5], p[6]
@@ -66,11 +74,10 @@ def drift(kind, least, x, p, out):
             if kind == CTRA8:
                 if j > 0:
                     c, s = np.cos(x[4, j]), np.sin(x[4, j])
-                out[4, j], out[5, j] = x[5, j], 0.0
+                out[4, j] = x[5, j]
             out[0, j] = c * x[2, j] - s * x[3, j]
             out[1, j] = s * x[2, j] + c * x[3, j]
             out[2, j], out[3, j] = x[a, j], x[a + 1, j]
-            out[a, j], out[a + 1, j] = 0.0, 0.0
     else:
         a = 4 if kind == CMM6 else 6
         for j in range(x.shape[1]):
@@ -78,22 +85,21 @@ def drift(kind, least, x, p, out):
             out[0, j], out[1, j] = x[2, j], x[3, j]
             out[2, j] = x[a, j] * f_n - x[a + 1, j] * f_e
             out[3, j] = x[a, j] * f_e + x[a + 1, j] * f_n
-            out[a, j], out[a + 1, j] = 0.0, 0.0
         if kind == CMM8:
             for j in range(x.shape[1]):
-                out[4, j], out[5, j] = x[5, j], 0.0
+                out[4, j] = x[5, j]
 
 
 @njit(cache=True, error_model="numpy")
 def tangent(kind, least, p, Y, out):
     """out (d, m + 1) = [F Y, f]: what the columns of Y (d, m + 1) become at first, F (d, d) = d drift / dx.
 
-    The last column of Y is the state itself and the last of out its drift, so that both run on in one sweep.
+    The first `moving` rows are written. The last column of Y is the state itself and the last of out its drift, so that both run on in one sweep.
     """
     m = Y.shape[1] - 1
     if kind == CAA:
         for j in range(m + 1):
-            out[0, j], out[1, j], out[2, j] = Y[1, j], Y[2, j], 0.0
+            out[0, j], out[1, j] = Y[1, j], Y[2, j]
         return
     turning = kind in (CTRA8, CMM8)
     a = 6 if turning else 4
@@ -102,7 +108,6 @@ def tangent(kind, least, p, Y, out):
         for j in range(m + 1):
             out[0, j], out[1, j] = c * Y[2, j] - s * Y[3, j], s * Y[2, j] + c * Y[3, j]
             out[2, j], out[3, j] = Y[a, j], Y[a + 1, j]
-            out[a, j], out[a + 1, j] = 0.0, 0.0
         if turning:
             north, east = -out[1, m], out[0, m]  # d(place') / d psi
             for j in range(m):
@@ -118,13 +123,12 @@ def tangent(kind, least, p, Y, out):
             out[0, j], out[1, j] = Y[2, j], Y[3, j]
             out[2, j] = f_n * Y[a, j] - f_e * Y[a + 1, j]
             out[3, j] = f_e * Y[a, j] + f_n * Y[a + 1, j]
-            out[a, j], out[a + 1, j] = 0.0, 0.0
         for j in range(m):
             out[2, j] += north_n * Y[2, j] + north_e * Y[3, j]
             out[3, j] += east_n * Y[2, j] + east_e * Y[3, j]
     if turning:
         for j in range(m + 1):
-            out[4, j], out[5, j] = Y[5, j], 0.0
+            out[4, j] = Y[5, j]
 
 
 @njit(cache=True, error_model="numpy")

@@ -184,14 +184,14 @@ def drift(model: MotionModel, x, given=NOT_GIVEN, rest: float | None = None) -> 
 
     `rest`: the heading [rad] that CMM takes for the path's direction at rest; the state's own without it.
     """
-    p, out = parameters(x, given, rest), np.empty((len(x), 1))
+    p, out = parameters(x, given, rest), np.zeros((len(x), 1))
     kernels.drift(model.kind, model.least_speed, np.asarray(x, float).reshape(-1, 1), p, out)
     return out[:, 0]
 
 
 def jacobian(model: MotionModel, x, given=NOT_GIVEN) -> np.ndarray:
     """d drift / dx (d, d)."""
-    out = np.empty((len(x), len(x) + 1))
+    out = np.zeros((len(x), len(x) + 1))
     kernels.tangent(model.kind, model.least_speed, parameters(x, given), np.column_stack([np.eye(len(x)), x]), out)
     return out[:, :-1]
 
@@ -244,6 +244,7 @@ def flow(
         x,
         P,
         Phi,
+        np.empty((8, d, d + 1)),
     )
     return x, Phi, P
 
@@ -252,5 +253,13 @@ def noise(model: MotionModel, x0, x1, dt: float, given=NOT_GIVEN, inflation: flo
     """Covariance (d, d) of the noise on the way from state x0 (d) to x1 (d) in `dt` [s]: `flow.noise_of`."""
     Q, density = np.empty((len(x0), len(x0))), inflation * np.array(model.density, float)
     told = np.array(given, float), 0.0, float(dt), density, parameters(x0, given)
-    noise_of(model.kind, model.least_speed, *told, np.array(x0, float), np.array(x1, float), Q)
+    noise_of(
+        model.kind,
+        model.least_speed,
+        *told,
+        np.array(x0, float),
+        np.array(x1, float),
+        Q,
+        *np.empty((2, len(x0), len(x0) + 1)),
+    )
     return Q

@@ -13,6 +13,7 @@ COASTING = 2.0  # s without an accepted value before the filter counts as coasti
 REJECTIONS = (
     3  # as many in a row, and COASTING seconds without any accepted, and the filter gives in to what it is told
 )
+AGAIN = 4.0  # s: who has to give in twice within this time has not only the place wrong, but its rate
 OUTLIER = 1e-3  # probability that a good fix or heading lies beyond its gate
 GLITCH = 1e-9  # the same of sensors that lie beside the point less often than the model does: yaw rate, acceleration
 
@@ -48,8 +49,9 @@ class Problem:
     an angle (E28: its innovation is the smallest signed angle).
 
     `gates` (b, 2) are the largest NIS accepted of one and of two rows; blocks of one `group` (b) stand for each other: when
-    all of a group have been rejected for too long, the variances of the states marked by `place` (b, d) and `rate` (b, d)
-    are raised by the squared offset and by its square per time squared, and the value is accepted.
+    all of a group have been rejected for too long, the variance of the states marked by `place` (b, d) is raised by the
+    squared offset, and the value is accepted. When that happens again within AGAIN seconds, the variance of the states
+    marked by `rate` (b, d) is raised too, by the square of the offset over the time in which it has grown.
     """
 
     time: np.ndarray
@@ -100,10 +102,13 @@ class ModelProblem:
 
 @dataclass(frozen=True)
 class Carry:
-    """A filter between two blocks of a log: state, covariance, and per group the last accepted time and rejections since."""
+    """A filter between two blocks of a log: state and covariance, and by group of sensors the last time a value was accepted, how
+    many have been rejected since, and when the filter last gave in to one.
+    """
 
     time: float
     x: np.ndarray
     P: np.ndarray
     last: np.ndarray
     rejections: np.ndarray
+    given_in: np.ndarray

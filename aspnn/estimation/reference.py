@@ -11,6 +11,7 @@ from aspnn.estimation.compiled import Run, beginning
 from aspnn.estimation.flow import NOISE_STEP
 from aspnn.estimation.models import Scheme, Sigma
 from aspnn.estimation.problem import (
+    AGAIN,
     COASTING,
     DOUBTED,
     MISSING,
@@ -152,7 +153,8 @@ def run(problem: Problem | ModelProblem, carry: Carry | None = None, crossing: b
     nis = np.full((n, blocks), np.nan)
     fate = np.full((n, blocks), MISSING, np.int8)
     carry = carry or beginning(p)
-    x, P, last, rejections = carry.x, carry.P, carry.last.copy(), carry.rejections.copy()
+    x, P = carry.x, carry.P
+    last, rejections, given_in = carry.last.copy(), carry.rejections.copy(), carry.given_in.copy()
     likelihood = 0.0
     for k in range(n):
         x, P, cross[k] = engine.predict(k, x, P)
@@ -184,7 +186,9 @@ def run(problem: Problem | ModelProblem, carry: Carry | None = None, crossing: b
                     taken = REJECTED
                     break
                 taken = REACQUIRED
-                wider = np.diag(y @ y * (p.place[b] + p.rate[b] / away**2))
+                faster = 1 / away**2 if p.time[k] - given_in[g] < AGAIN else 0.0
+                given_in[g] = p.time[k]
+                wider = np.diag(y @ y * (p.place[b] + p.rate[b] * faster))
                 P = P + wider
                 predicted_covariance[k] += wider
             likelihood -= 0.5 * (rows * np.log(2 * np.pi) + np.linalg.slogdet(S)[1] + min(square, p.gates[b, rows - 1]))
@@ -196,7 +200,7 @@ def run(problem: Problem | ModelProblem, carry: Carry | None = None, crossing: b
             last[g], rejections[g] = p.time[k], 0
             x, P = engine.update(k, b, have, x, P, y, R)
         means[k], covariances[k] = x, P
-    end = Carry(float(p.time[-1]), x, P, last, rejections)
+    end = Carry(float(p.time[-1]), x, P, last, rejections, given_in)
     return Run(
         predicted, predicted_covariance, means, covariances, innovation, whitened, nis, fate, cross, likelihood, end
     )

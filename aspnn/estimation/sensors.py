@@ -1,10 +1,11 @@
 """How each sensor of a filtered log fares: its innovations as series, and a summary by the statistics of `consistency`."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aspnn.estimation import compiled
 from aspnn.estimation.cascade import Cascade
 from aspnn.estimation.consistency import (
     Shares,
@@ -16,9 +17,11 @@ from aspnn.estimation.consistency import (
     scaled_rcond,
     shares,
 )
+from aspnn.estimation.lag import lag
 from aspnn.estimation.problem import MISSING, REJECTED
 from aspnn.frames import to_body
 
+ENOUGH = 5000  # yaw rates that a lag is found from
 UNITS = {"heading": ("deg", math.degrees(1)), "yaw_rate": ("deg/s", math.degrees(1)), "acceleration": ("m/s2", 1.0)}
 
 
@@ -59,7 +62,8 @@ class Summary:
     `shares` holds NIS against the single-run bounds, rejected values included; `mean_nis` is per degree of freedom and of used
     values, of a consistent filter within `mean_low` and `mean_high`. `autocorrelation` at lag one, of a white sequence within
     +-`bound`. `bias` is the mean over its standard error, `shift` the mean over the innovation's deviation, both of the worst
-    component; `lateness` the correlation with the predicted yaw acceleration, within +-`bound` where there is no delay.
+    component; `lateness` the correlation with the predicted yaw acceleration, within +-`bound` where there is no delay. `late`
+    is the lag [s] of a yaw rate against the turn of the heading, with its standard error; (nan, inf) where nothing can be told.
     `coasting` [s] is the longest time without a used value; `rcond` the worst scaled condition of the joint S of its filter.
     """
 
@@ -77,6 +81,7 @@ class Summary:
     shift: float
     bias: float
     lateness: float
+    late: tuple[float, float]
     rejected: float
     stale: float
     coasting: float
@@ -116,12 +121,26 @@ def summarise(cascade: Cascade, since: float = -np.inf) -> tuple[Summary, ...]:
     """The summary of every sensor of a filtered log, from `since` [s] on (the filter settles before)."""
     turn, rcond = cascade.turning.predicted[:, 2], conditions(cascade)
     rows = cascade.measurements.time >= since
+    found = [s for s in sensors(cascade) if s.measured[rows].any()]
+    late = {"yaw_rate": _yaw_rate_lag(cascade, rows)} if any(s.name == "yaw_rate" for s in found) else {}
     return tuple(
-        _summary(s.since(since), turn[rows], rcond[s.name][rows]) for s in sensors(cascade) if s.measured[rows].any()
+        _summary(s.since(since), turn[rows], rcond[s.name][rows], late.get(s.name, (np.nan, np.inf))) for s in found
     )
 
 
-def _summary(s: Series, turn: np.ndarray, rcond: np.ndarray) -> Summary:
+def _yaw_rate_lag(cascade: Cascade, rows: np.ndarray) -> tuple[float, float]:
+    """How late the measured yaw rate is [s] against that of the headings alone, smoothed, and the standard error."""
+    z = cascade.turn.z.copy()
+    z[:, 1] = np.nan
+    problem = replace(cascade.turn, z=z)
+    heading = compiled.smooth(problem, compiled.run(problem))[0]
+    told = np.flatnonzero(rows & np.isfinite(cascade.turn.z[:, 1, 0]))
+    told = told[:: max(1, len(told) // ENOUGH)]
+    time = cascade.turn.time
+    return lag(time[told], cascade.turn.z[told, 1, 0], time[rows], heading[rows, 1])
+
+
+def _summary(s: Series, turn: np.ndarray, rcond: np.ndarray, late: tuple[float, float]) -> Summary:
     # Successive values of a sensor, whatever its rate, follow each other.
     y, offset, turn, used = s.whitened[s.measured], s.offset[s.measured], turn[s.measured], ~s.rejected[s.measured]
     dof = s.dof[s.measured][used]
@@ -151,6 +170,7 @@ def _summary(s: Series, turn: np.ndarray, rcond: np.ndarray) -> Summary:
         shift=float(mean[worst] / spread[worst]),
         bias=float(mean[worst] / error[worst]),
         lateness=_lateness(offset[:, columns], turn),
+        late=late,
         rejected=float(s.rejected.sum() / s.measured.sum()),
         stale=float(s.stale.sum() / known),
         coasting=float(np.diff(times).max()),

@@ -20,6 +20,7 @@ from aspnn.schema import InputError
 SETTLE = 60.0  # s that are not judged, or a quarter of a log shorter than four minutes
 RATIO = 0.1  # of a mean NIS per degree of freedom from 1: less is of no account, however sure
 COLOUR, LATE, SHIFT = 0.05, 0.1, 0.1  # autocorrelation, correlation, mean over deviation: likewise
+DELAY = 0.15  # s: a smaller lag of the yaw rate is of no account
 SURE = 3.0  # standard errors of a mean that is called a bias
 
 
@@ -90,8 +91,16 @@ def verdict(s: Summary) -> list[str]:
         found.append(
             f"too cautious (NIS {s.mean_nis:.2f} per degree of freedom): its noise is set too large, `aspnn tune`"
         )
-    if abs(s.autocorrelation) > max(s.bound, COLOUR):
-        if abs(s.lateness) > max(s.bound, LATE):
+    late, error = s.late
+    delayed = np.isfinite(late) and abs(late) > max(DELAY, SURE * error)
+    if delayed:
+        found.append(
+            f"{'late' if late > 0 else 'early'} by {abs(late):.2f} +- {error:.2f} s against the turn of the heading: "
+            "set a delay (`aspnn tune --delays`), or leave this sensor out"
+        )
+    if abs(s.autocorrelation) > max(s.bound, COLOUR) and not delayed:
+        in_time = abs(late) + SURE * error < DELAY  # for certain
+        if abs(s.lateness) > max(s.bound, LATE) and not in_time:
             found.append(_late(s))
         else:
             found.append(

@@ -4,7 +4,7 @@ python tests/benchmarks/bench_models.py
 
 The plain loops are filterpy's filters as a textbook uses them, over the first epochs of the log: the thesis's twenty midpoint
 steps of 0.005 s per epoch in numpy, for the EKF on mean and covariance, for the UKF on each sigma point, or (vectorised) on all
-points at once; one update per epoch with six rows. The compiled ones do the same steps, and everything that gates and
+points at once; one update per epoch with six rows; in turns with the compiled ones, which do the same steps, and everything that gates and
 statistics need. Then: one hour of 10 Hz through CAA, CTRA at two antennas and the CMM UKF, with the default step; and fifty
 Monte Carlo runs of ten minutes. Processor times, best of several; machines differ, so quote the ratios.
 """
@@ -155,19 +155,18 @@ def main() -> None:
             kf.predict()
             kf.update(z)
 
-    compiled_us = [best(lambda p=p: compiled.run(p)) / n * 1e6 for p in problems]
-    plain = best(extended, 3) * 1e3
     print(f"twenty midpoint steps of {STEP} s per epoch, one antenna, compass, gyro and IMU, {n} epochs")
-    print(f"CTRA EKF, plain filterpy       {plain:9.1f} us/step")
-    print(f"CTRA EKF, compiled             {compiled_us[0]:9.2f} us/step   ratio {plain / compiled_us[0]:6.0f}")
-    for what, kind, epochs in (
-        ("plain filterpy", UnscentedKalmanFilter, 150),
-        ("vectorised    ", VectorisedUnscented, 500),
-    ):
-        kf = unscented(kind, problems[1], R)
-        slow = best(lambda kf=kf, epochs=epochs: loop(kf, epochs), 3) / epochs * 1e6
-        print(f"CMM UKF, {what}        {slow:9.1f} us/step")
-        print(f"CMM UKF, compiled              {compiled_us[1]:9.2f} us/step   ratio {slow / compiled_us[1]:6.0f}")
+    slow = (
+        ("CTRA EKF, plain filterpy", 0, extended, 1000),
+        ("CMM UKF, plain filterpy", 1, lambda: loop(unscented(UnscentedKalmanFilter, problems[1], R), 100), 100),
+        ("CMM UKF, vectorised", 1, lambda: loop(unscented(VectorisedUnscented, problems[1], R), 300), 300),
+    )
+    for what, which, function, epochs in slow:
+        rounds = [(best(function, 1), best(lambda p=problems[which]: compiled.run(p), 2)) for _ in range(5)]
+        plain, ours = (
+            min(times) * 1e6 / count for times, count in zip(zip(*rounds, strict=True), (epochs, n), strict=True)
+        )
+        print(f"{what:26s} {plain:8.1f} us/step, compiled {ours:6.2f} us/step, ratio {plain / ours:5.0f}")
 
     def hour():
         turn = compiled.run(heading_problem(m, noise, *size))

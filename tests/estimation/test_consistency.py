@@ -211,6 +211,17 @@ def test_summary_knows_rates_gaps_and_frozen_fixes(voyage):
     assert found["bow"].bound == pytest.approx(NORMAL / np.sqrt(2 * found["bow"].n), rel=0.03)
 
 
+@pytest.mark.parametrize("rows", [0, 30, 80])
+def test_a_late_yaw_rate_is_told(voyage, rows):
+    """Oracle: a yaw rate moved by a known time; found against the turn of the heading within 3 standard errors, which are small."""
+    table = voyage[0].table.copy()
+    table["yaw_rate_deg_s"] = table["yaw_rate_deg_s"].shift(rows, fill_value=0.0)
+    found = {s.sensor: s.late for s in summarise(run_cascade(replace(voyage[0], table=table)), 60.0)}
+    late, error = found["yaw_rate"]
+    assert error < 0.1 and abs(late - rows / 10) < 3 * error + 0.02
+    assert np.isnan(found["heading"][0]) and np.isinf(found["bow"][1])
+
+
 def test_rejected_values_are_told_and_left_out_of_the_mean(voyage, cascade):
     """By hand: every 50th fix of the stern 60 m off; 2 % rejected, above their bounds, the mean NIS as before."""
     table = voyage[0].table.copy()
