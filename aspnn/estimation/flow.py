@@ -16,7 +16,7 @@ def steps_of(dt, longest):
 
 @njit(cache=True, error_model="numpy")
 def at_stage(kind, given, t, psi, p):
-    """Fill p[:3] with what was `given`, a time t [s] later, and p[5:] with cosine and sine of the heading, a state (`psi`) or given."""
+    """Fill p[:3] with what was `given`, t [s] later, and p[5:] with cosine and sine of the heading, given or a state (`psi`)."""
     p[0], p[1], p[2] = given[0] + (given[1] + 0.5 * given[2] * t) * t, given[1] + given[2] * t, given[2]
     if kind in (CTRA6, CTRA8):  # no other turns its state
         psi = psi if kind == CTRA8 else p[0]
@@ -27,8 +27,8 @@ def at_stage(kind, given, t, psi, p):
 def flow_state(kind, least, given, begin, dt, order, steps, p, W, K, Y, sums):
     """Take W (d, d + 1), a sensitivity and in the last column the state, from `begin` to begin + dt [s] after `given` was told.
 
-    In place; K, Y, sums (d, d + 1) are work space. Each of the `steps` solves x' = f(x) and Phi' = F(x) Phi together, by the midpoint rule (order 2) or the
-    classical Runge-Kutta method (order 4).
+    In place; K, Y, sums (d, d + 1) are work space. Each of the `steps` solves x' = f(x) and Phi' = F(x) Phi together, by the
+    midpoint rule (order 2) or the classical Runge-Kutta method (order 4).
     """
     d, h = W.shape[0], dt / steps
     psi, size = min(4, d - 1), moving(kind) * (d + 1)
