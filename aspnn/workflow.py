@@ -12,6 +12,7 @@ import pandas as pd
 
 from aspnn import __version__, records
 from aspnn.angles import difference
+from aspnn.checks import check_log
 from aspnn.estimation import filter_log, smooth_log
 from aspnn.estimation.cascade import filter_file
 from aspnn.estimation.measurements import opening
@@ -314,7 +315,7 @@ def import_files(
         found = (logs.import_csv if format == "csv" else logs.import_nmea0183)(sources, map, vessel)
     for log in watch(found, "writing", len(found)):
         log = with_noise(log, noise)
-        records.check_log(log, log.path or log.voyage)
+        check_log(log, log.path or log.voyage)
         path = Path(out) / f"{log.notes['name']}.parquet"
         records.write_log(log, path)
         yield path, ", ".join(f"{key} {value}" for key, value in log.notes.items() if key != "name")

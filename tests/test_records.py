@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aspnn import records, schema
+from aspnn import checks, records, schema
 from aspnn.frames import Zone
 from aspnn.records import Log, States
 from aspnn.schema import InputError
@@ -201,13 +201,13 @@ def with_value(column, row, value):
 )
 def test_wrong_log_is_one_line(log, words):
     """Contract: file, row, time, column and the remedy."""
-    says(f"f.csv: {words}", records.check_log, log, "f.csv")
+    says(f"f.csv: {words}", checks.check_log, log, "f.csv")
 
 
 def test_right_log_passes():
     """The other side of the tests above: the log they spoil is accepted, missing sensors and gaps included."""
-    records.check_log(a_log())
-    records.check_log(replace(a_log(), table=a_log().table.drop(index=range(10, 20))))
+    checks.check_log(a_log())
+    checks.check_log(replace(a_log(), table=a_log().table.drop(index=range(10, 20))))
 
 
 def test_reading_checks_the_log(tmp_path):

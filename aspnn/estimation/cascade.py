@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from aspnn import records
+from aspnn import checks, records
+from aspnn.checks import check_log
 from aspnn.estimation import compiled
 from aspnn.estimation.compiled import Run
 from aspnn.estimation.exact import heading_problem, motion_problem
@@ -28,7 +29,7 @@ from aspnn.estimation.measurements import (
 from aspnn.estimation.problem import Carry, Problem
 from aspnn.estimation.states import Held, table
 from aspnn.frames import Zone
-from aspnn.records import Log, States, check_log
+from aspnn.records import Log, States
 from aspnn.vessel import Vessel
 
 BLOCK = 36_000  # rows of a log that are filtered at once: an hour at 10 Hz
@@ -114,7 +115,7 @@ def filter_file(
         head = replace(head, vessel=tuned(head.vessel))
     begin: Opening | None = None
     place, seen = np.full(2, np.nan), 0
-    for block in records.check_blocks(head, count, blocks(), str(log)):
+    for block in checks.check_blocks(head, count, blocks(), str(log)):
         part = opening(replace(head, table=block))
         begin = part if begin is None else joined(begin, part)
         if seen + len(block) > count // 2 and np.isnan(place).any():

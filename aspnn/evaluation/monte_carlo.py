@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import CubicSpline
 
-from aspnn import records, schema
+from aspnn import checks, schema
 from aspnn.angles import difference
 from aspnn.estimation.cascade import Cascade, run_cascade
 from aspnn.estimation.consistency import (
@@ -109,7 +109,7 @@ def state_errors(cascade: Cascade, truth: pd.DataFrame, where: str) -> Errors:
 
 def _fit(truth: pd.DataFrame, time: np.ndarray, where: str) -> None:
     own = truth["time_s"].to_numpy(float)
-    if len(own) != len(time) or not np.allclose(own, time, rtol=0, atol=records.SAME_EPOCH):
+    if len(own) != len(time) or not np.allclose(own, time, rtol=0, atol=checks.SAME_EPOCH):
         raise InputError(f"{where}: the truth beside it has other epochs than the log; simulate both again")
 
 

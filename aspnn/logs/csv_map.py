@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aspnn.checks import check_log
 from aspnn.config import read_toml
 from aspnn.frames import Zone
 from aspnn.logs.derived import with_rudder_orders
 from aspnn.logs.maps import TIMES, CsvMap, Form, mapped_vessel, source_files, utc
 from aspnn.logs.plausible import oddities, problems
 from aspnn.logs.units import units_of
-from aspnn.records import Log, check_log, sha256
+from aspnn.records import Log, sha256
 from aspnn.schema import InputError
 from aspnn.vessel import Vessel
 

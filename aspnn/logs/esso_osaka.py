@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aspnn.records import Log, check_log
+from aspnn.checks import check_log
+from aspnn.records import Log
 from aspnn.schema import InputError
 from aspnn.vessel import load_vessel
 

@@ -20,10 +20,11 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
+from aspnn.checks import check_log
 from aspnn.config import read_toml
 from aspnn.frames import Zone
 from aspnn.logs.maps import Map, Strict, mapped_vessel, source_files
-from aspnn.records import Log, check_log, sha256
+from aspnn.records import Log, sha256
 from aspnn.schema import InputError
 from aspnn.vessel import Vessel, from_dict
 

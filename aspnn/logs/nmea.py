@@ -16,13 +16,14 @@ import pandas as pd
 from pydantic import Field
 
 from aspnn import schema
+from aspnn.checks import check_log
 from aspnn.config import read_toml
 from aspnn.frames import Zone
 from aspnn.logs.derived import with_rudder_orders
 from aspnn.logs.maps import Map, Strict, mapped_vessel, source_files
 from aspnn.logs.recording import TOGETHER, Recording, clock, read_recording, unix
 from aspnn.logs.sentences import KNOT, Fault, Sentence, encode, encode_tag
-from aspnn.records import Log, check_log, sha256
+from aspnn.records import Log, sha256
 from aspnn.schema import InputError
 from aspnn.vessel import from_dict
 

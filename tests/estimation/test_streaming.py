@@ -10,9 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from aspnn.checks import check_blocks, check_log
 from aspnn.estimation import cascade, filter_log, reference
 from aspnn.estimation.cascade import filter_file
-from aspnn.records import Log, check_blocks, check_log, read_states, write_log, write_table
+from aspnn.records import Log, read_states, write_log, write_table
 from aspnn.schema import InputError
 
 SEVEN = 70  # rows of seven seconds

@@ -7,8 +7,9 @@ import pandas as pd
 import pytest
 
 from aspnn import schema
+from aspnn.checks import check_log
 from aspnn.frames import Zone, to_grid
-from aspnn.records import check_log, log_files, read_log, read_truth
+from aspnn.records import log_files, read_log, read_truth
 from aspnn.schema import InputError
 from aspnn.simulation import Scenario, read_scenario, scenario, simulate_scenario, write_voyage
 

@@ -7,9 +7,10 @@ import pytest
 
 from aspnn import schema
 from aspnn.angles import difference
+from aspnn.checks import check_log
 from aspnn.frames import Zone, convergence, station_velocity, to_grid, to_north_east
 from aspnn.guidance import turning_circle
-from aspnn.records import Log, check_log
+from aspnn.records import Log
 from aspnn.schema import InputError
 from aspnn.simulation import Sensors, Ship, balanced_shaft_speed, measure, simulate, start_states
 from aspnn.vessel import load_vessel
