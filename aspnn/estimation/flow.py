@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from aspnn.estimation.kernels import CTRA6, CTRA8, drift, moving, tangent
+from aspnn.estimation.kernels import CTRA6, CTRA8, drift, moving, still, tangent
 
 NOISE_STEP = 0.5  # s: the noise of a longer way is gathered in parts, each with its own Jacobian
 
@@ -25,23 +25,23 @@ def at_stage(kind, given, t, psi, p):
 
 @njit(cache=True, error_model="numpy")
 def flow_state(kind, least, given, begin, dt, order, steps, p, W, K, Y, sums):
-    """Take W (d, d + 1), a sensitivity and in the last column the state, from `begin` to begin + dt [s] after `given` was told.
+    """Take W (d, c), columns of a sensitivity and last the state, from `begin` to begin + dt [s] after `given` was told.
 
-    In place; K, Y, sums (d, d + 1) are work space. Each of the `steps` solves x' = f(x) and Phi' = F(x) Phi together, by the
+    In place; K, Y, sums (d, c) are work space. Each of the `steps` solves x' = f(x) and Phi' = F(x) Phi together, by the
     midpoint rule (order 2) or the classical Runge-Kutta method (order 4).
     """
-    d, h = W.shape[0], dt / steps
-    psi, size = min(4, d - 1), moving(kind) * (d + 1)
+    d, h, last = W.shape[0], dt / steps, W.shape[1] - 1
+    psi, size = min(4, d - 1), moving(kind) * (last + 1)
     k, y, w, total = K.reshape(-1), Y.reshape(-1), W.reshape(-1), sums.reshape(-1)  # the same numbers in one row
     for i in range(w.size):
         y[i] = w[i]
     for n in range(steps):
         t = begin + n * h
-        at_stage(kind, given, t, W[psi, d], p)
+        at_stage(kind, given, t, W[psi, last], p)
         tangent(kind, least, p, W, K)
         for i in range(size):
             y[i] = w[i] + 0.5 * h * k[i]
-        at_stage(kind, given, t + 0.5 * h, Y[psi, d], p)
+        at_stage(kind, given, t + 0.5 * h, Y[psi, last], p)
         if order == 2:
             tangent(kind, least, p, Y, K)
             for i in range(size):
@@ -55,7 +55,7 @@ def flow_state(kind, least, given, begin, dt, order, steps, p, W, K, Y, sums):
             for i in range(size):
                 total[i] += 2 * k[i]
                 y[i] = w[i] + ahead * k[i]
-            at_stage(kind, given, t + ahead, Y[psi, d], p)
+            at_stage(kind, given, t + ahead, Y[psi, last], p)
         tangent(kind, least, p, Y, K)
         for i in range(size):
             w[i] += h / 6 * (total[i] + k[i])
@@ -108,32 +108,32 @@ def noise_of(kind, least, given, begin, dt, density, p, x0, x1, Q, L, T):
     d = len(x0)
     for i in range(d):
         for j in range(d):
-            L[i, j] = dt * density[i] if i == j else 0.0
-            Q[i, j] = L[i, j]
+            L[i, j] = density[i] if i == j else 0.0
             T[i, j] = 0.0
         L[i, d] = 0.5 * (x0[i] + x1[i])
     at_stage(kind, given, begin + dt / 2, L[min(4, d - 1), d], p)
-    for k in range(2, 6):
+    for k in range(5, 1, -1):  # from the inside out: D + dt / 2 L(D + dt / 3 L(...))
         tangent(kind, least, p, L, T)
         for i in range(d):
             for j in range(i, d):
-                L[i, j] = (T[i, j] + T[j, i]) * (dt / k)
-                L[j, i] = L[i, j]
-                Q[i, j] += L[i, j]
-                Q[j, i] = Q[i, j]
+                L[i, j] = L[j, i] = (T[i, j] + T[j, i]) * (dt / k)
+            L[i, i] += density[i]
+    for i in range(d):
+        for j in range(d):
+            Q[i, j] = dt * L[i, j]
 
 
 @njit(cache=True, error_model="numpy")
-def _product(A, B, out):
-    """out = A B of square matrices, any with a further column that is passed over; so are the zeros of A."""
-    d = A.shape[0]
+def _product(W, X, first, out):
+    """out (d, d) = Phi X for the sensitivity Phi whose columns from `first` on are W's, and before it those of the identity."""
+    d = X.shape[0]
     for i in range(d):
         for j in range(d):
-            out[i, j] = 0.0
-        for k in range(d):
-            if A[i, k] != 0.0:
+            out[i, j] = X[i, j] if i < first else 0.0
+        for k in range(first, d):
+            if W[i, k - first] != 0.0:
                 for j in range(d):
-                    out[i, j] += A[i, k] * B[k, j]
+                    out[i, j] += W[i, k - first] * X[k, j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -143,29 +143,37 @@ def flow_covariance(kind, least, given, dt, order, step, density, p, x, P, Phi, 
     P <- Phi P Phi' + noise, part by part: the solution of the thesis's P' = F P + P F' + Q (table 3.3, E20), and never less
     than positive semidefinite. work (8, d, d + 1) is work space.
     """
-    d, parts = len(x), steps_of(dt, NOISE_STEP)
-    part = dt / parts
-    W, Q, T, own, x0 = work[0], work[1], work[2], work[3], work[7, 0]
+    d, first, parts = len(x), still(kind), steps_of(dt, NOISE_STEP)
+    part, columns = dt / parts, len(x) + 1 - still(kind)
+    Q, T, own, x0 = work[1], work[2], work[3], work[7, 0]
+    W, K = (
+        work[0].reshape(-1)[: d * columns].reshape(d, columns),
+        work[4].reshape(-1)[: d * columns].reshape(d, columns),
+    )
+    Y, sums = (
+        work[5].reshape(-1)[: d * columns].reshape(d, columns),
+        work[6].reshape(-1)[: d * columns].reshape(d, columns),
+    )
     for q in range(parts):
         for i in range(d):
-            x0[i] = W[i, d] = x[i]
-            for j in range(d):
-                W[i, j] = 1.0 if i == j else 0.0
-        flow_state(kind, least, given, q * part, part, order, steps_of(part, step), p, W, work[4], work[5], work[6])
+            x0[i] = W[i, columns - 1] = x[i]
+            for j in range(columns - 1):
+                W[i, j] = 1.0 if i == j + first else 0.0
+        flow_state(kind, least, given, q * part, part, order, steps_of(part, step), p, W, K, Y, sums)
         for i in range(d):
-            x[i] = W[i, d]
+            x[i] = W[i, columns - 1]
         noise_of(kind, least, given, q * part, part, density, p, x0[:d], x, Q, work[4], work[5])
-        _product(W, P, T)
+        _product(W, P, first, T)
         for i in range(d):
             for j in range(d):
                 own[j, i] = T[i, j]
-        _product(W, own, P)
+        _product(W, own, first, P)
         for i in range(d):
             for j in range(i, d):
                 P[i, j] = 0.5 * (P[i, j] + P[j, i]) + Q[i, j]
                 P[j, i] = P[i, j]
         if q > 0:
-            _product(W, Phi, T)
+            _product(W, Phi, first, T)
         for i in range(d):
             for j in range(d):
-                Phi[i, j] = T[i, j] if q > 0 else W[i, j]
+                Phi[i, j] = T[i, j] if q > 0 else ((1.0 if i == j else 0.0) if j < first else W[i, j - first])

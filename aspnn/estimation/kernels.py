@@ -22,6 +22,12 @@ def moving(kind):
 
 
 @njit(cache=True, error_model="numpy")
+def still(kind):
+    """How many states, first in order, no drift depends on: the place, of CAA the heading."""
+    return 1 if kind == CAA else 2
+
+
+@njit(cache=True, error_model="numpy")
 def turn_of(kind, x, j, p):
     """Heading, yaw rate and yaw acceleration of column j."""
     if kind == CAA:
