@@ -1,4 +1,7 @@
-"""From one instant to the next: Runge-Kutta for a state with its sensitivity, for sigma points, and the noise on the way. Compiled."""
+"""From one instant to the next: Runge-Kutta for a state with its sensitivity, for sigma points, and the noise on the way. Compiled.
+
+Numba keeps these compiled between sessions and does not see a change of `kernels`: whoever makes one touches this file too.
+"""
 
 import numpy as np
 from numba import njit
