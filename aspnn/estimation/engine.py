@@ -8,7 +8,7 @@ from numba import njit
 
 from aspnn.estimation import flow, kernels, problem
 from aspnn.estimation.flow import NOISE_STEP, flow_covariance, flow_points, noise_of
-from aspnn.estimation.kernels import ACCELERATION, CTRA6, POSITION, measure, measure_jacobian
+from aspnn.estimation.kernels import ACCELERATION, CTRA6, POSITION, measure, measure_jacobian, still
 from aspnn.estimation.problem import AGAIN, COASTING, DOUBTED, REACQUIRED, REJECTED, REJECTIONS, USED
 
 # numba's cache sees no change of what a function takes from other modules; as a constant of the engine this makes it see.
@@ -62,8 +62,10 @@ def _filter_of(states: int, sources: int):
         x, P, A, h = x0.copy(), P0.copy(), np.empty((d, d)), np.zeros((2, d))
         G, K = np.empty((2, d)), np.empty((2, d))
         unscented, crossing = len(wm) > 0, len(cross) > 0
-        one, reading, Phi, work = np.empty((d, 1)), np.empty((2, 1)), np.empty((d, d)), np.empty((8, d, d + 1))
+        one, reading, work = np.empty((d, 1)), np.empty((2, 1)), np.empty((6, d, d + 1))
         p, noise, old, later = np.empty(7), density.copy(), np.empty(d), np.empty(d)
+        Phi = np.empty((d, d)) if crossing and not unscented else np.empty((0, 0))
+        narrow = np.empty((4, d, d + 1 - still(kind)))
         size = points if unscented else 0
         X, Y, before = np.empty((d, size)), np.empty((d, size)), np.empty((d, size))
         slope, slopes, readings = np.empty((d, size)), np.empty(d * size), np.empty((2, size))
@@ -111,7 +113,7 @@ def _filter_of(states: int, sources: int):
                         noise_of(kind, least, given[k - 1], 0.0, dt, noise, p, old, x, A, work[0], work[1])
                     else:
                         A[:] = 0.0
-                        flow_covariance(kind, least, given[k - 1], dt, 4, dt, noise, p, later, A, Phi, work)
+                        flow_covariance(kind, least, given[k - 1], dt, 4, dt, noise, p, later, A, Phi, work, narrow)
                     for i in range(d):
                         for j in range(i, d):
                             total = A[i, j]
@@ -127,7 +129,7 @@ def _filter_of(states: int, sources: int):
                 else:
                     if crossing:
                         A[:] = P
-                    flow_covariance(kind, least, given[k - 1], dt, order, step, noise, p, x, P, Phi, work)
+                    flow_covariance(kind, least, given[k - 1], dt, order, step, noise, p, x, P, Phi, work, narrow)
                     if crossing:
                         for i in range(d):
                             for j in range(d):

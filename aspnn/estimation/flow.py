@@ -140,29 +140,23 @@ def _product(W, X, first, out):
 
 
 @njit(cache=True, error_model="numpy")
-def flow_covariance(kind, least, given, dt, order, step, density, p, x, P, Phi, work):
-    """Take x (d) and P (d, d) a time dt on, in place; Phi (d, d) <- the sensitivity of the way.
+def flow_covariance(kind, least, given, dt, order, step, density, p, x, P, Phi, work, narrow):
+    """Take x (d) and P (d, d) a time dt on, in place; Phi (d, d), unless it is empty, <- the sensitivity of the way.
 
     P <- Phi P Phi' + noise, part by part: the solution of the thesis's P' = F P + P F' + Q (table 3.3, E20), and never less
-    than positive semidefinite. work (8, d, d + 1) is work space.
+    than positive semidefinite. work (6, d, d + 1) and narrow (4, d, d + 1 - still) are work space.
     """
     d, first, parts = len(x), still(kind), steps_of(dt, NOISE_STEP)
-    part, columns = dt / parts, len(x) + 1 - still(kind)
-    Q, T, own, x0 = work[1], work[2], work[3], work[7, 0]
-    W, K = (
-        work[0].reshape(-1)[: d * columns].reshape(d, columns),
-        work[4].reshape(-1)[: d * columns].reshape(d, columns),
-    )
-    Y, sums = (
-        work[5].reshape(-1)[: d * columns].reshape(d, columns),
-        work[6].reshape(-1)[: d * columns].reshape(d, columns),
-    )
+    part, columns = dt / parts, narrow.shape[2]
+    Q, T, own, x0, W = work[0], work[1], work[2], work[3, 0], narrow[0]
     for q in range(parts):
         for i in range(d):
             x0[i] = W[i, columns - 1] = x[i]
             for j in range(columns - 1):
                 W[i, j] = 1.0 if i == j + first else 0.0
-        flow_state(kind, least, given, q * part, part, order, steps_of(part, step), p, W, K, Y, sums)
+        flow_state(
+            kind, least, given, q * part, part, order, steps_of(part, step), p, W, narrow[1], narrow[2], narrow[3]
+        )
         for i in range(d):
             x[i] = W[i, columns - 1]
         noise_of(kind, least, given, q * part, part, density, p, x0[:d], x, Q, work[4], work[5])
@@ -175,8 +169,11 @@ def flow_covariance(kind, least, given, dt, order, step, density, p, x, P, Phi, 
             for j in range(i, d):
                 P[i, j] = 0.5 * (P[i, j] + P[j, i]) + Q[i, j]
                 P[j, i] = P[i, j]
-        if q > 0:
+        if len(Phi) > 0:
+            for i in range(d if q == 0 else 0):
+                for j in range(d):
+                    Phi[i, j] = 1.0 if i == j else 0.0
             _product(W, Phi, first, T)
-        for i in range(d):
-            for j in range(d):
-                Phi[i, j] = T[i, j] if q > 0 else ((1.0 if i == j else 0.0) if j < first else W[i, j - first])
+            for i in range(d):
+                for j in range(d):
+                    Phi[i, j] = T[i, j]

@@ -244,7 +244,8 @@ def flow(
         x,
         P,
         Phi,
-        np.empty((8, d, d + 1)),
+        np.empty((6, d, d + 1)),
+        np.empty((4, d, d + 1 - kernels.still(model.kind))),
     )
     return x, Phi, P
 

@@ -93,14 +93,14 @@ def _unrotated(kind, least, density, time, z, R, start, P0, mean):
 
     `z` (n, 6) and `R` (6): north, east, heading, yaw rate, surge and sway acceleration; those of the first epoch are in `start`.
     """
-    x, P, Phi, work = start.copy(), P0.copy(), np.empty((8, 8)), np.empty((8, 8, 9))
+    x, P, Phi, work, narrow = start.copy(), P0.copy(), np.empty((8, 8)), np.empty((6, 8, 9)), np.empty((4, 8, 7))
     column = x.reshape(-1, 1)  # the same numbers
     p, given, reading, H = np.zeros(7), np.zeros(3), np.empty((2, 1)), np.empty((2, 8))
     along, aside, row = np.zeros(8), np.zeros(8), np.empty(8)  # du / dx, dv / dx, dh / dx
     for k in range(len(time)):
         if k > 0:
             p[3], p[4] = np.cos(x[4]), np.sin(x[4])
-            flow_covariance(kind, least, given, time[k] - time[k - 1], 4, 1.0, density, p, x, P, Phi, work)
+            flow_covariance(kind, least, given, time[k] - time[k - 1], 4, 1.0, density, p, x, P, Phi, work, narrow)
         for i in range(6 if k > 0 else 0):
             row[:] = 0.0
             if i < 4:
