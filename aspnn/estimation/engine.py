@@ -8,7 +8,16 @@ from numba import njit
 
 from aspnn.estimation import flow, kernels, problem
 from aspnn.estimation.flow import NOISE_STEP, flow_covariance, flow_points, noise_of
-from aspnn.estimation.kernels import ACCELERATION, CTRA6, POSITION, measure, measure_jacobian, still
+from aspnn.estimation.kernels import (
+    ACCELERATION,
+    CAA,
+    CTRA6,
+    POSITION,
+    YAW_RATE,
+    measure,
+    measure_jacobian,
+    still,
+)
 from aspnn.estimation.problem import AGAIN, COASTING, DOUBTED, REACQUIRED, REJECTED, REJECTIONS, USED
 
 # numba's cache sees no change of what a function takes from other modules; as a constant of the engine this makes it see.
@@ -163,29 +172,37 @@ def _filter_of(states: int, sources: int):
                         y0 -= h[0, j] * x[j]
                         y1 -= h[1, j] * x[j]
                 else:
-                    for i in range(d):
-                        one[i, 0] = x[i]
-                    rest = x[4] if d == 8 else given[k, 0]
-                    p[0], p[1], p[2] = given[k, 0], given[k, 1], given[k, 2]
-                    p[3] = p[5] = np.cos(rest)
-                    p[4] = p[6] = np.sin(rest)
                     sensor, ahead, starboard = sensors[b], stations[b, 0], stations[b, 1]
-                    # Where a sensor is linear in the state the unscented update is the linear one.
                     bent = ahead != 0 or starboard != 0
-                    curved = unscented and (
-                        (sensor == ACCELERATION and kind != CTRA6) or (sensor == POSITION and d == 8 and bent)
-                    )
-                    if not curved:
-                        measure(kind, least, one, p, sensor, ahead, starboard, reading)
-                        measure_jacobian(kind, least, one, p, sensor, ahead, starboard, h)
-                        y0 -= reading[0, 0]
-                        y1 -= reading[1, 0]
-                        low, high = d, 0
-                        for j in range(d):
-                            if h[0, j] != 0.0 or h[1, j] != 0.0:
-                                low, high = min(low, j), j + 1
-                            h[0, j] = h[0, j] if have0 else 0.0
-                            h[1, j] = h[1, j] if have1 else 0.0
+                    if sensor != ACCELERATION and not (sensor == POSITION and bent):  # it reads states as they are
+                        low = 0 if sensor == POSITION or kind == CAA else 4
+                        low += int(sensor == YAW_RATE)
+                        high = low + (2 if sensor == POSITION else 1)
+                        y0 -= x[low]
+                        h[0, low], h[1, low] = 1.0 if have0 else 0.0, 0.0
+                        if sensor == POSITION:
+                            y1 -= x[1]
+                            h[0, 1], h[1, 1] = 0.0, 1.0 if have1 else 0.0
+                    else:
+                        for i in range(d):
+                            one[i, 0] = x[i]
+                        rest = x[4] if d == 8 else given[k, 0]
+                        p[0], p[1], p[2] = given[k, 0], given[k, 1], given[k, 2]
+                        p[3] = p[5] = np.cos(rest)
+                        p[4] = p[6] = np.sin(rest)
+                        # Where a sensor is linear in the state the unscented update is the linear one.
+                        curved = unscented and (d == 8 if sensor == POSITION else kind != CTRA6)
+                        if not curved:
+                            measure(kind, least, one, p, sensor, ahead, starboard, reading)
+                            measure_jacobian(kind, least, one, p, sensor, ahead, starboard, h)
+                            y0 -= reading[0, 0]
+                            y1 -= reading[1, 0]
+                            low, high = d, 0
+                            for j in range(d):
+                                if h[0, j] != 0.0 or h[1, j] != 0.0:
+                                    low, high = min(low, j), j + 1
+                                h[0, j] = h[0, j] if have0 else 0.0
+                                h[1, j] = h[1, j] if have1 else 0.0
                 y0, y1 = y0 if have0 else 0.0, y1 if have1 else 0.0
                 if angle[b]:
                     y0 = (y0 + np.pi) % (2 * np.pi) - np.pi
