@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from aspnn.estimation import flow, kernels, problem
-from aspnn.estimation.flow import NOISE_STEP, flow_covariance, flow_points, noise_of
+from aspnn.estimation.flow import NOISE_STEP, advance, flow_covariance, noise_of, steps_of
 from aspnn.estimation.kernels import (
     ACCELERATION,
     CAA,
@@ -77,7 +77,7 @@ def _filter_of(states: int, sources: int):
         narrow = np.empty((4, d, d + 1 - still(kind)))
         size = points if unscented else 0
         X, Y, before = np.empty((d, size)), np.empty((d, size)), np.empty((d, size))
-        slope, slopes, readings = np.empty((d, size)), np.empty(d * size), np.empty((2, size))
+        slope, slopes, readings = np.empty((d, size)), np.empty((d, size)), np.empty((2, size))
         likelihood = 0.0
         for k in range(n):
             if linear:
@@ -110,7 +110,9 @@ def _filter_of(states: int, sources: int):
                 if unscented:
                     _points(x, P, spread, A, X)
                     before[:] = X
-                    flow_points(kind, least, given[k - 1], dt, order, step, p, X, slope, Y, slopes)
+                    advance(
+                        kind, least, given[k - 1], 0.0, dt, order, steps_of(dt, step), p, X, slope, Y, slopes, False
+                    )
                     for i in range(d):
                         x[i] = 0.0
                         for j in range(points):
@@ -311,6 +313,7 @@ FILTERS = {states: _filter_of(states, SOURCES) for states in (0, 3, 6)}
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def rts(cross, xp, Pp, xf, Pf):
+    """Smoothed means (n, d) and covariances (n, d, d) from those of a filter: C = cross Pp^-1, x_s += C (x_s' - xp'), from the end."""
     n, d = xf.shape
     xs, Ps = xf.copy(), Pf.copy()
     L, C, D = np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d))

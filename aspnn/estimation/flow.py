@@ -27,73 +27,48 @@ def at_stage(kind, given, t, psi, p):
 
 
 @njit(cache=True, error_model="numpy")
-def flow_state(kind, least, given, begin, dt, order, steps, p, W, K, Y, sums):
-    """Take W (d, c), columns of a sensitivity and last the state, from `begin` to begin + dt [s] after `given` was told.
-
-    In place; K, Y, sums (d, c) are work space. Each of the `steps` solves x' = f(x) and Phi' = F(x) Phi together, by the
-    midpoint rule (order 2) or the classical Runge-Kutta method (order 4).
-    """
-    d, h, last = W.shape[0], dt / steps, W.shape[1] - 1
-    psi, size = min(4, d - 1), moving(kind) * (last + 1)
-    k, y, w, total = K.reshape(-1), Y.reshape(-1), W.reshape(-1), sums.reshape(-1)  # the same numbers in one row
-    for i in range(w.size):
-        y[i] = w[i]
-    for n in range(steps):
-        t = begin + n * h
-        at_stage(kind, given, t, W[psi, last], p)
-        tangent(kind, least, p, W, K)
-        for i in range(size):
-            y[i] = w[i] + 0.5 * h * k[i]
-        at_stage(kind, given, t + 0.5 * h, Y[psi, last], p)
-        if order == 2:
-            tangent(kind, least, p, Y, K)
-            for i in range(size):
-                w[i] += h * k[i]
-            continue
-        for i in range(size):
-            total[i] = k[i]
-        for stage in range(2, 4):
-            tangent(kind, least, p, Y, K)
-            ahead = 0.5 * h if stage == 2 else h
-            for i in range(size):
-                total[i] += 2 * k[i]
-                y[i] = w[i] + ahead * k[i]
-            at_stage(kind, given, t + ahead, Y[psi, last], p)
-        tangent(kind, least, p, Y, K)
-        for i in range(size):
-            w[i] += h / 6 * (total[i] + k[i])
+def _slope(kind, least, p, X, K, swept):
+    """K <- what the columns of X become: points by `drift`, or a sensitivity and its state, `swept` together by `tangent`."""
+    if swept:
+        tangent(kind, least, p, X, K)
+    else:
+        drift(kind, least, X, p, K)
 
 
 @njit(cache=True, error_model="numpy")
-def flow_points(kind, least, given, dt, order, step, p, X, K, Y, total):
-    """Take the points X (d, s) a time dt [s] on, as `flow_state`, in place; K, Y (d, s) and total (d s) are work space."""
-    steps, psi, size = steps_of(dt, step), min(4, X.shape[0] - 1), moving(kind) * X.shape[1]
-    h = dt / steps
-    x, k, y = X.reshape(-1), K.reshape(-1), Y.reshape(-1)
+def advance(kind, least, given, begin, dt, order, steps, p, X, K, Y, sums, swept):
+    """Take the columns of X (d, c) from `begin` to begin + dt [s] after `given` was told, in place.
+
+    Columns are points, or `swept`: a sensitivity Phi with its state last, for x' = f(x) and Phi' = F(x) Phi together. Each of
+    the `steps` is one of the midpoint rule (order 2) or of the classical Runge-Kutta method (order 4). K, Y, sums (d, c) are
+    work space.
+    """
+    state, psi, size = X.shape[1] - 1 if swept else 0, min(4, X.shape[0] - 1), moving(kind) * X.shape[1]
+    x, k, y, total, h = X.reshape(-1), K.reshape(-1), Y.reshape(-1), sums.reshape(-1), dt / steps  # all in one row
     for i in range(x.size):
         y[i] = x[i]
     for n in range(steps):
-        t = n * h
-        at_stage(kind, given, t, X[psi, 0], p)
-        drift(kind, least, X, p, K)
+        t = begin + n * h
+        at_stage(kind, given, t, X[psi, state], p)
+        _slope(kind, least, p, X, K, swept)
         for i in range(size):
             y[i] = x[i] + 0.5 * h * k[i]
-        at_stage(kind, given, t + 0.5 * h, Y[psi, 0], p)
+        at_stage(kind, given, t + 0.5 * h, Y[psi, state], p)
         if order == 2:
-            drift(kind, least, Y, p, K)
+            _slope(kind, least, p, Y, K, swept)
             for i in range(size):
                 x[i] += h * k[i]
             continue
         for i in range(size):
             total[i] = k[i]
         for stage in range(2, 4):
-            drift(kind, least, Y, p, K)
+            _slope(kind, least, p, Y, K, swept)
             ahead = 0.5 * h if stage == 2 else h
             for i in range(size):
                 total[i] += 2 * k[i]
                 y[i] = x[i] + ahead * k[i]
-            at_stage(kind, given, t + ahead, Y[psi, 0], p)
-        drift(kind, least, Y, p, K)
+            at_stage(kind, given, t + ahead, Y[psi, state], p)
+        _slope(kind, least, p, Y, K, swept)
         for i in range(size):
             x[i] += h / 6 * (total[i] + k[i])
 
@@ -154,9 +129,8 @@ def flow_covariance(kind, least, given, dt, order, step, density, p, x, P, Phi, 
             x0[i] = W[i, columns - 1] = x[i]
             for j in range(columns - 1):
                 W[i, j] = 1.0 if i == j + first else 0.0
-        flow_state(
-            kind, least, given, q * part, part, order, steps_of(part, step), p, W, narrow[1], narrow[2], narrow[3]
-        )
+        count = steps_of(part, step)
+        advance(kind, least, given, q * part, part, order, count, p, W, narrow[1], narrow[2], narrow[3], True)
         for i in range(d):
             x[i] = W[i, columns - 1]
         noise_of(kind, least, given, q * part, part, density, p, x0[:d], x, Q, work[4], work[5])

@@ -47,7 +47,7 @@ class Caa:
     """Constant angular acceleration: heading, yaw rate, yaw acceleration (thesis 3.31-3.32). Linear."""
 
     density: tuple[float, ...]
-    least_speed: float = 1.0
+    least_speed = 0.0  # no path of its own
     kind = kernels.CAA
     states = ("heading", "yaw rate", "yaw acceleration")
 
@@ -68,7 +68,7 @@ class Ctra:
     """
 
     density: tuple[float, ...]
-    least_speed: float = 1.0
+    least_speed = 0.0  # no path of its own
 
     def __post_init__(self) -> None:
         _checked(self, (6, 8))

@@ -10,9 +10,7 @@ from aspnn.estimation.models import ONE_STEP, MotionModel, Scheme, Sigma
 
 MISSING, USED, REJECTED, REACQUIRED, DOUBTED = range(5)  # the fate of a measurement block at an epoch
 COASTING = 2.0  # s without an accepted value before the filter counts as coasting
-REJECTIONS = (
-    3  # as many in a row, and COASTING seconds without any accepted, and the filter gives in to what it is told
-)
+REJECTIONS = 3  # in a row, and none accepted for COASTING seconds: the filter gives in to what it is told
 AGAIN = 4.0  # s: who has to give in twice within this time has not only the place wrong, but its rate
 OUTLIER = 1e-3  # probability that a good fix or heading lies beyond its gate
 GLITCH = 1e-9  # the same of sensors that lie beside the point less often than the model does: yaw rate, acceleration
