@@ -16,7 +16,7 @@ from aspnn.estimation import compiled
 from aspnn.estimation.compiled import Run, run_batch
 from aspnn.estimation.exact import heading_problem, motion_problem
 from aspnn.estimation.measurements import Measurements
-from aspnn.estimation.models import Cmm, Ctra, Scheme, Sigma
+from aspnn.estimation.models import ONE_STEP, Cmm, Ctra, Scheme, Sigma
 from aspnn.estimation.nonlinear import model_problem, two_point_start
 from aspnn.estimation.problem import OPEN, ModelProblem
 from aspnn.guidance.helms import Helm, held_orders, random_orders
@@ -35,7 +35,6 @@ NOISE = replace(VESSEL.noise, position=1.0, heading=math.radians(0.5), yaw_rate=
 PRINTED = (1e-1, 1e-1, 1e-3, 1e-3, 1e-5, 1e-5, math.radians(1e-1), math.radians(1e-5))
 PERMUTED = (*PRINTED[:4], *PRINTED[6:], *PRINTED[4:6])
 MANOEUVRE = 0.1  # m/s2, deviation of the accelerations at the start (E27)
-ONE_STEP = Scheme()  # of order 4 to each epoch; the papers' twenty of order 2 give the same
 BATCH = 10  # runs held in memory at once
 TUNING = 101, 3, 900.0  # seed, number and length [s] of the voyages of random orders that `tuned` tunes on
 
