@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from aspnn.estimation import flow, kernels, problem
-from aspnn.estimation.flow import NOISE_STEP, advance, flow_covariance, noise_of, steps_of
+from aspnn.estimation.flow import NOISE_STEP, advance_points, flow_covariance, noise_of, steps_of
 from aspnn.estimation.kernels import (
     ACCELERATION,
     CAA,
@@ -110,8 +110,8 @@ def _filter_of(states: int, sources: int):
                 if unscented:
                     _points(x, P, spread, A, X)
                     before[:] = X
-                    advance(
-                        kind, least, given[k - 1], 0.0, dt, order, steps_of(dt, step), p, X, slope, Y, slopes, False
+                    advance_points(
+                        kind, least, given[k - 1], 0.0, dt, order, steps_of(dt, step), p, X, slope, Y, slopes
                     )
                     for i in range(d):
                         x[i] = 0.0

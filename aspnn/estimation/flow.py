@@ -26,51 +26,43 @@ def at_stage(kind, given, t, psi, p):
         p[5], p[6] = np.cos(psi), np.sin(psi)
 
 
-@njit(cache=True, error_model="numpy")
-def _slope(kind, least, p, X, K, swept):
-    """K <- what the columns of X become: points by `drift`, or a sensitivity and its state, `swept` together by `tangent`."""
-    if swept:
-        tangent(kind, least, p, X, K)
-    else:
-        drift(kind, least, X, p, K)
-
-
-@njit(cache=True, error_model="numpy")
-def advance(kind, least, given, begin, dt, order, steps, p, X, K, Y, sums, swept):
-    """Take the columns of X (d, c) from `begin` to begin + dt [s] after `given` was told, in place.
+def _advance_of(swept: bool):
+    """The function that takes the columns of X (d, c) from `begin` to begin + dt [s] after `given` was told, in place.
 
     Columns are points, or `swept`: a sensitivity Phi with its state last, for x' = f(x) and Phi' = F(x) Phi together. Each of
     the `steps` is one of the midpoint rule (order 2) or of the classical Runge-Kutta method (order 4). K, Y, sums (d, c) are
     work space.
     """
-    state, psi, size = X.shape[1] - 1 if swept else 0, min(4, X.shape[0] - 1), moving(kind) * X.shape[1]
-    x, k, y, total, h = X.reshape(-1), K.reshape(-1), Y.reshape(-1), sums.reshape(-1), dt / steps  # all in one row
-    for i in range(x.size):
-        y[i] = x[i]
-    for n in range(steps):
-        t = begin + n * h
-        at_stage(kind, given, t, X[psi, state], p)
-        _slope(kind, least, p, X, K, swept)
-        for i in range(size):
-            y[i] = x[i] + 0.5 * h * k[i]
-        at_stage(kind, given, t + 0.5 * h, Y[psi, state], p)
-        if order == 2:
-            _slope(kind, least, p, Y, K, swept)
-            for i in range(size):
-                x[i] += h * k[i]
-            continue
-        for i in range(size):
-            total[i] = k[i]
-        for stage in range(2, 4):
-            _slope(kind, least, p, Y, K, swept)
-            ahead = 0.5 * h if stage == 2 else h
-            for i in range(size):
-                total[i] += 2 * k[i]
-                y[i] = x[i] + ahead * k[i]
-            at_stage(kind, given, t + ahead, Y[psi, state], p)
-        _slope(kind, least, p, Y, K, swept)
-        for i in range(size):
-            x[i] += h / 6 * (total[i] + k[i])
+
+    @njit(cache=True, error_model="numpy")
+    def advance(kind, least, given, begin, dt, order, steps, p, X, K, Y, sums):
+        state, psi, size = X.shape[1] - 1 if swept else 0, min(4, X.shape[0] - 1), moving(kind) * X.shape[1]
+        x, k, y, total, h = X.reshape(-1), K.reshape(-1), Y.reshape(-1), sums.reshape(-1), dt / steps  # all in one row
+        for i in range(x.size):
+            y[i] = x[i]
+        for n in range(steps):
+            for stage in range(order):
+                after = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+                at_stage(kind, given, begin + n * h + after, Y[psi, state], p)
+                if swept:
+                    tangent(kind, least, p, Y, K)
+                else:
+                    drift(kind, least, Y, p, K)
+                ahead = h if stage == 2 else 0.5 * h  # to where the next stage looks
+                weight = (0.0 if stage == 0 else h) if order == 2 else (h / 3 if stage in (1, 2) else h / 6)
+                if stage < order - 1:
+                    for i in range(size):
+                        total[i] = weight * k[i] + (total[i] if stage > 0 else 0.0)
+                        y[i] = x[i] + ahead * k[i]
+                else:
+                    for i in range(size):
+                        x[i] += total[i] + weight * k[i]
+                        y[i] = x[i]
+
+    return advance
+
+
+advance_points, advance_state = _advance_of(False), _advance_of(True)
 
 
 @njit(cache=True, error_model="numpy")
@@ -130,7 +122,7 @@ def flow_covariance(kind, least, given, dt, order, step, density, p, x, P, Phi, 
             for j in range(columns - 1):
                 W[i, j] = 1.0 if i == j + first else 0.0
         count = steps_of(part, step)
-        advance(kind, least, given, q * part, part, order, count, p, W, narrow[1], narrow[2], narrow[3], True)
+        advance_state(kind, least, given, q * part, part, order, count, p, W, narrow[1], narrow[2], narrow[3])
         for i in range(d):
             x[i] = W[i, columns - 1]
         noise_of(kind, least, given, q * part, part, density, p, x0[:d], x, Q, work[4], work[5])
