@@ -44,6 +44,17 @@ class Shape(StrEnum):
     csv = "csv"
 
 
+class Manoeuvre(StrEnum):
+    """Trials that `trial` runs."""
+
+    turning_circle = "turning-circle"
+    zigzag = "zigzag"
+    williamson = "williamson"
+    pull_out = "pull-out"
+    spiral = "spiral"
+    stopping = "stopping"
+
+
 def watch(things: Iterable, what: str, count: int) -> Iterable:
     """A progress bar on standard error around `things`, silent when that is no terminal."""
     from rich.console import Console
@@ -70,12 +81,27 @@ def simulate(
     out: Out,
     seed: Annotated[int | None, typer.Option(help="Seed in place of the scenario's.", min=0)] = None,
     voyages: Annotated[int | None, typer.Option(help="Number of voyages in place of the scenario's.", min=1)] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes; without it as many as there are cores and work for.", min=1)
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Dask scheduler, tcp://HOST:PORT, or local for a cluster on this machine.")
+    ] = None,
+    nmea: Annotated[
+        bool, typer.Option("--nmea", help="Write VOYAGE.nmea too: the log as a ship's recorded NMEA 0183 sentences.")
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate voyages of a scenario: a log and its truth per voyage."""
+    """Simulate voyages of a scenario: a log and its truth per voyage. A run that was stopped goes on when called again."""
     from aspnn.workflow import silent, simulate_files
 
-    made = simulate_files(scenario, out, voyages, seed, silent if quiet else watch)
+    if workers and scheduler not in (None, "local"):
+        raise InputError(f"--workers is for this machine; the scheduler {scheduler} has workers of its own")
+    try:
+        made = simulate_files(scenario, out, voyages, seed, silent if quiet else watch, workers, scheduler, nmea)
+    except KeyboardInterrupt as stop:  # typer would end without a word
+        sys.stderr.write(f"stopped: {stop}\n" if str(stop) else "stopped\n")
+        raise typer.Exit(130) from None
     say(quiet, f"{len(made)} voyages in {out}")
 
 
@@ -231,12 +257,82 @@ def predict(
 
 
 @app.command()
+def trial(
+    vessel: Annotated[str, typer.Argument(help="Vessel: a packaged name or a .json file.", show_default=False)],
+    manoeuvre: Annotated[Manoeuvre, typer.Argument(help="Manoeuvre.", show_default=False)],
+    rudder: Annotated[
+        float | None, typer.Option(help="Rudder angle [deg]; without it the usual one: 35, 10 and 20, 20, 15.")
+    ] = None,
+    speed: Annotated[float | None, typer.Option(help="Test speed [kn]; the service speed without it.")] = None,
+    json: Annotated[Path | None, typer.Option("--json", help="JSON file to write.")] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="Figure to write: .png, .svg or .pdf.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Run a manoeuvring trial and judge it by IMO MSC.137(76). A criterion that is not met is no error: exit code 0."""
+    from aspnn.evaluation.trial_report import table
+    from aspnn.workflow import trial_files
+
+    found = trial_files(vessel, manoeuvre.value, rudder, speed, json, plot)
+    say(quiet, table(found))
+    for path in (json, plot):
+        if path:
+            say(quiet, f"written: {path}")
+
+
+@app.command()
 def info(thing: Annotated[Path, typer.Argument(help="Checkpoint folder, log or states.", show_default=False)]) -> None:
     """Say what a checkpoint or a log holds."""
     from aspnn.workflow import describe
 
     for line in describe(thing):
         say(False, line)
+
+
+vessel_app = typer.Typer(help="Vessel files.", no_args_is_help=True, rich_markup_mode=None)
+app.add_typer(vessel_app, name="vessel")
+
+
+@vessel_app.command()
+def estimate(
+    length: Annotated[float, typer.Option(help="Length between perpendiculars [m].", show_default=False)],
+    beam: Annotated[float, typer.Option(help="Beam [m].", show_default=False)],
+    draught: Annotated[float, typer.Option(help="Draught [m].", show_default=False)],
+    cb: Annotated[
+        float, typer.Option(help="Block coefficient, displacement / (length x beam x draught).", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Vessel file (.json) to write.", show_default=False)],
+    name: Annotated[str | None, typer.Option(help="Name of the vessel; without it the file's.")] = None,
+    length_overall: Annotated[float | None, typer.Option(help="Length overall [m].")] = None,
+    speed: Annotated[float | None, typer.Option(help="Service speed [kn].")] = None,
+    power: Annotated[float | None, typer.Option(help="Engine power at that speed [kW].")] = None,
+    rpm: Annotated[float | None, typer.Option(help="Propeller's revolutions per minute at that speed.")] = None,
+    propeller_diameter: Annotated[float | None, typer.Option(help="Propeller diameter [m].")] = None,
+    rudder_area: Annotated[float | None, typer.Option(help="Rudder area [m2].")] = None,
+    rudder_span: Annotated[float | None, typer.Option(help="Rudder span [m].")] = None,
+    draws: Annotated[int, typer.Option(help="Ships drawn to say how sure its manoeuvres are; 0 for none.", min=0)] = 60,
+    seed: Annotated[int, typer.Option(help="Seed of the draws.", min=0)] = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Estimate a vessel file from main dimensions, and say how sure it is."""
+    from aspnn.simulation.estimate.sureness import table, told
+    from aspnn.simulation.estimate.vessel_file import KNOT, Particulars
+    from aspnn.workflow import estimate_vessel, silent
+
+    given = Particulars(
+        *(length, beam, draught, cb),
+        name=name or out.stem,
+        length_overall=length_overall,
+        speed=None if speed is None else speed * KNOT,
+        power=None if power is None else power * 1e3,
+        shaft=None if rpm is None else rpm / 60,
+        propeller_diameter=propeller_diameter,
+        rudder_area=rudder_area,
+        rudder_span=rudder_span,
+    )
+    found, ranges = estimate_vessel(given, out, draws, seed, silent if quiet else watch)
+    say(quiet, table(found))
+    for line in (*(f"warning: {text}" for text in found.warnings), *told(found, ranges, draws), f"written: {out}"):
+        say(quiet, line)
 
 
 def guarded(run: Callable[[], Any]) -> None:

@@ -35,7 +35,7 @@ def _first(error: ValidationError, data: dict[str, Any]) -> str:
     # pydantic puts the chosen member of a union among the keys; the file does not have it.
     keys, place = [], data
     for part in problem["loc"]:
-        inside = (isinstance(place, dict) and part in place) or (isinstance(place, list) and isinstance(part, int))
+        inside = (isinstance(place, dict) and part in place) or (isinstance(place, list) and part in range(len(place)))
         if inside:
             place = place[part]  # type: ignore[index]
             keys.append(str(part))

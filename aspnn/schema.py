@@ -34,6 +34,10 @@ class Column:
         return re.fullmatch(self.name.replace("NAME", "[a-z][a-z0-9]*"), column) is not None
 
 
+DOMAIN = (
+    "where the ship's model has no data: the sum of 1 astern, 2 drift and 4 yaw rate beyond its range, 8 engine astern, 16 too slow;"
+    " absent from voyages that keep inside"
+)
 LOG = (
     Column("time_s", "s", "-", "time from the start of the log, strictly increasing", needed=True),
     Column("NAME_latitude_deg", "deg", "WGS 84", "latitude of antenna NAME, north positive"),
@@ -59,6 +63,7 @@ LOG = (
     Column("wind_speed_true_m_s", "m/s", "ground", "true wind speed"),
     Column("wind_from_true_deg", "deg", "true north", "direction the true wind blows from"),
     Column("depth_m", "m", "-", "water depth"),
+    Column("out_of_domain", "bits", "-", f"simulated logs only: {DOMAIN}"),
 )
 
 TRUTH = (
@@ -75,6 +80,11 @@ TRUTH = (
     Column("current_east_m_s", "m/s", "UTM grid", "velocity of the water to the east", needed=True),
     Column("wind_speed_true_m_s", "m/s", "ground", "true wind speed", needed=True),
     Column("wind_from_grid_rad", "rad", "grid north", "direction the true wind blows from", needed=True),
+    Column("roll_rad", "rad", "body", "roll, starboard side down positive; absent where the ship keeps upright"),
+    Column("pitch_rad", "rad", "body", "pitch, bow up positive; absent as roll"),
+    Column("heave_m", "m", "down", "how far midship is below its place at rest; absent as roll"),
+    Column("propeller_pitch_ratio", "-", "-", "propeller pitch over diameter; absent where it is fixed"),
+    Column("out_of_domain", "bits", "-", DOMAIN),
 )
 
 _ESTIMATES = (

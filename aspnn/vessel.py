@@ -26,10 +26,9 @@ KEYS = (
     "sensors",
     "process",
     "calibration",
-    "mmg",
-    "wind",
     "sources",
 )
+SIMULATOR = ("mmg", "mariner", "otter", "trimaran", "workboat", "propeller", "engine", "pitch", "wind", "domain")
 NOISE_KEYS = {  # section: key of a file: field of Noise; `_deg` marks angles
     "sensors": {
         "position_m": "position",
@@ -88,8 +87,10 @@ class Calibration:
 class Vessel:
     """What the predictor knows of a ship. Lengths in metres, angles in radians, stations in body axes from midship.
 
-    `stations` maps a name (`bow`, `stern`, `imu`, antennas) to (x forward, y starboard). `sway_stations` are the two
-    places whose sway is predicted. `mmg` and `wind` are the raw parameter sets of the simulator, or None.
+    `stations` maps a name (`bow`, `stern`, `imu`, antennas) to (x forward, y starboard), `heights` some of them to their
+    height above the waterline at rest (0 where none is told). `sway_stations` are the two
+    places whose sway is predicted. `simulator` holds the raw parameter sets that `simulation` reads, by section (SIMULATOR).
+    `steering_delay` [s] and `dead_band` [rad] are those of the rudder's servo.
     """
 
     name: str
@@ -103,8 +104,10 @@ class Vessel:
     noise: Noise = Noise()
     calibration: Calibration = Calibration()
     title: str = ""
-    mmg: dict[str, Any] | None = None
-    wind: dict[str, Any] | None = None
+    heights: dict[str, float] = field(default_factory=dict)
+    steering_delay: float = 0.0
+    dead_band: float = 0.0
+    simulator: dict[str, dict[str, Any]] = field(default_factory=dict)
     sources: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -128,15 +131,20 @@ class Vessel:
             "name": self.name,
             "title": self.title,
             "dimensions": {"length_overall_m": self.length, "beam_m": self.beam, "draught_m": self.draught},
-            "stations_m": {name: list(place) for name, place in self.stations.items()},
+            "stations_m": {
+                name: [*place, self.heights[name]] if name in self.heights else list(place)
+                for name, place in self.stations.items()
+            },
             "rudder": {"max_deg": _degrees(self.rudder_max), "rate_deg_s": _degrees(self.rudder_rate)},
             "service": {"speed_m_s": self.service_speed},
             **noise_data(self.noise),
             "sources": dict(self.sources),
         }
-        for key, part in (("mmg", self.mmg), ("wind", self.wind)):
-            if part is not None:
-                data[key] = part
+        if self.steering_delay:
+            data["rudder"]["delay_s"] = self.steering_delay
+        if self.dead_band:
+            data["rudder"]["dead_band_deg"] = _degrees(self.dead_band)
+        data |= self.simulator
         if self.calibration != Calibration():
             data["calibration"] = calibration_data(self.calibration)
         return data
@@ -225,9 +233,15 @@ def from_dict(data: dict[str, Any], where: str = "vessel") -> Vessel:
             raise InputError(f"{where}: {section}.{key} = {value:g} is outside {low:g} to {high:g}")
         return value
 
+    def optional(section: str, key: str, high: float) -> float:
+        value = data[section].get(key, 0.0)
+        if not (isinstance(value, int | float) and 0 <= value < high):
+            raise InputError(f"{where}: {section}.{key} = {value} must be a number from 0 to {high:g}")
+        return float(value)
+
     for key in data:
-        if key not in KEYS:
-            near = get_close_matches(key, KEYS, 1)
+        if key not in (*KEYS, *SIMULATOR):
+            near = get_close_matches(key, (*KEYS, *SIMULATOR), 1)
             raise InputError(f"{where}: key {key} is not known{f', did you mean {near[0]}?' if near else ''}")
         if key not in ("name", "title") and not isinstance(data[key], dict):
             raise InputError(f"{where}: {key} must be an object of named values")
@@ -235,11 +249,15 @@ def from_dict(data: dict[str, Any], where: str = "vessel") -> Vessel:
         raise InputError(f"{where}: key name is missing")
     length = number("dimensions", "length_overall_m")
     try:
-        stations = {str(k): (float(v[0]), float(v[1])) for k, v in data.get("stations_m", {}).items()}
-        if not np.isfinite(list(stations.values())).all():
+        places = data.get("stations_m", {})
+        stations = {str(k): (float(v[0]), float(v[1])) for k, v in places.items()}
+        heights = {str(k): float(v[2]) for k, v in places.items() if len(v) > 2}
+        if not np.isfinite([*sum(stations.values(), ()), *heights.values()]).all():
             raise ValueError
     except (TypeError, ValueError, IndexError):
-        raise InputError(f"{where}: stations_m must map each name to [x forward, y starboard] in metres") from None
+        raise InputError(
+            f"{where}: stations_m must map each name to [x forward, y starboard] or [x, y, height] in metres"
+        ) from None
     stations = {
         "bow": (0.4 * length, 0.0),
         "stern": (-0.4 * length, 0.0),
@@ -260,10 +278,12 @@ def from_dict(data: dict[str, Any], where: str = "vessel") -> Vessel:
         rudder_rate=math.radians(number("rudder", "rate_deg_s", 0, 400)),
         service_speed=number("service", "speed_m_s", 0, 60),
         stations=stations,
+        heights=heights,
         noise=read_noise(data, scaled_noise(length), where),
         calibration=read_calibration(data, where),
-        mmg=data.get("mmg"),
-        wind=data.get("wind"),
+        steering_delay=optional("rudder", "delay_s", 10),
+        dead_band=math.radians(optional("rudder", "dead_band_deg", 10)),
+        simulator={key: data[key] for key in SIMULATOR if key in data},
         sources=data.get("sources", {}),
     )
 

@@ -1,6 +1,5 @@
 """The compositions: simulate, filter, cut windows, train, evaluate. What the command line and the thin scripts call."""
 
-import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from aspnn import __version__, records
+from aspnn import records
 from aspnn.angles import difference
 from aspnn.checks import check_log
 from aspnn.estimation import filter_log, smooth_log
@@ -23,7 +22,7 @@ from aspnn.learning.config import Training, read_training
 from aspnn.learning.windows import write_windows
 from aspnn.records import Log
 from aspnn.schema import InputError
-from aspnn.simulation.scenario import read_scenario, simulate_scenario, write_voyage
+from aspnn.simulation.scenario import read_scenario, simulate_scenario
 
 ZONE = math.radians(3.0)  # half the width of a UTM zone
 Watch = Callable[[Iterable, str, int], Iterable]  # (things, what is done, how many) -> the same things, shown
@@ -35,23 +34,44 @@ def silent(things: Iterable, what: str, count: int) -> Iterable:
 
 
 def simulate_files(
-    scenario: str | Path, out: str | Path, voyages: int | None = None, seed: int | None = None, watch: Watch = silent
+    scenario: str | Path,
+    out: str | Path,
+    voyages: int | None = None,
+    seed: int | None = None,
+    watch: Watch = silent,
+    workers: int | None = 1,
+    scheduler: str | None = None,
+    nmea: bool = False,
 ) -> list[Path]:
-    """Simulate a scenario into `out`: a log and its truth per voyage, and NAME.manifest.json. Returns the logs."""
-    plan = read_scenario(scenario)
-    count = plan.voyages if voyages is None else voyages
-    made = [
-        write_voyage(log, truth, out) for log, truth in watch(simulate_scenario(plan, count, seed), "simulating", count)
-    ]
-    manifest = {
-        "version": __version__,
-        "scenario": plan.model_dump(mode="json"),
-        "seed": plan.seed if seed is None else seed,
-        "files": {path.name: records.sha256(path) for path in made},
-    }
-    with records.atomic(Path(out) / f"{plan.name}.manifest.json") as temporary:
-        temporary.write_text(json.dumps(manifest, indent=1) + "\n")
+    """Simulate a scenario into `out`: a log and its truth per voyage, and NAME.manifest.json. Returns the logs.
+
+    A run that was stopped goes on. `workers` and `scheduler` as in simulation.campaign.run_campaign. With `nmea` each log has its
+    sentences beside it, in VOYAGE.nmea.
+    """
+    from aspnn.logs.nmea_write import write_nmea
+    from aspnn.simulation.campaign import run_campaign
+
+    made = run_campaign(read_scenario(scenario), out, voyages, seed, workers, scheduler, watch)
+    if nmea:
+        for path in watch(made, "writing sentences", len(made)):
+            write_nmea(records.read_log(path), path.with_suffix(".nmea"))
     return made
+
+
+def estimate_vessel(given, out: str | Path, draws: int = 60, seed: int = 0, watch: Watch = silent):
+    """Write the vessel file of a ship of which only the Particulars `given` are known; its Estimate and its indices' Ranges.
+
+    Without `draws` no range is sought. Raises InputError.
+    """
+    from aspnn.simulation.estimate.sureness import index_ranges
+    from aspnn.simulation.estimate.vessel_file import estimate, write_vessel
+
+    if Path(out).suffix != ".json":
+        raise InputError(f"{out}: a vessel file is named .json; write --out {Path(out).stem or 'ship'}.json")
+    found = estimate(given)
+    ranges = index_ranges(found, draws, seed, watch) if draws else []
+    write_vessel(found, out)
+    return found, ranges
 
 
 def filter_files(
@@ -122,6 +142,35 @@ def tune_files(
     tuning = tune(read, first, sensors, delays, heading, watch)
     write_noise_file(tuning, files, out)
     return tuning
+
+
+def trial_files(
+    vessel: str | Path,
+    kind: str,
+    rudder_deg: float | None = None,
+    speed_kn: float | None = None,
+    json: str | Path | None = None,
+    plot: str | Path | None = None,
+):
+    """Run the trial `kind` (of simulation.trials.TRIALS) of a vessel; writes the JSON file and the figure where named.
+
+    Returns the Trial. Raises InputError.
+    """
+    from aspnn.evaluation.trial_plot import check_suffix, trial_figure
+    from aspnn.evaluation.trial_report import write_json
+    from aspnn.logs.readings import KNOT
+    from aspnn.simulation.trials.manoeuvres import TRIALS
+    from aspnn.vessel import load_vessel
+
+    if plot is not None:
+        check_suffix(plot)
+    rudder = None if rudder_deg is None else math.radians(rudder_deg)
+    found = TRIALS[kind](load_vessel(vessel), rudder, None if speed_kn is None else speed_kn * KNOT)
+    if json is not None:
+        write_json(found, json)
+    if plot is not None:
+        trial_figure(found, plot)
+    return found
 
 
 def training_logs(training: Training, watch: Watch = silent) -> Iterator[Log]:

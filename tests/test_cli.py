@@ -92,7 +92,9 @@ def test_simulate_writes_logs_truth_and_manifest(place):
     """Oracle: the manifest's own hashes, and the record contract."""
     logs = records.log_files([place / "logs"])
     manifest = json.loads((place / "logs" / "scenario.manifest.json").read_text())
-    assert manifest["files"] == {path.name: records.sha256(path) for path in logs}
+    assert {entry["file"]: entry["sha256"] for entry in manifest["voyages"]} == {
+        p.name: records.sha256(p) for p in logs
+    }
     assert all(records.read_truth(records.read_log(path)) is not None for path in logs)
     assert len(logs) == 3
 

@@ -42,6 +42,7 @@ def test_names_carry_their_unit(columns):
         "rev/s": "_rps",
         "-": "",
         "bool": "",
+        "bits": "",
     }
     for column in columns:
         assert column.name.removesuffix("_sd").endswith(endings[column.unit]), column.name

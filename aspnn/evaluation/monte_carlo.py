@@ -24,7 +24,7 @@ from aspnn.estimation.consistency import (
 from aspnn.estimation.sensors import conditions, sensors
 from aspnn.records import Log
 from aspnn.schema import InputError
-from aspnn.simulation.sensors import Sensors, measure
+from aspnn.simulation.sensing.sensors import Sensors, measure
 from aspnn.simulation.voyage import Voyage
 from aspnn.vessel import Calibration
 
@@ -130,7 +130,7 @@ def redrawer(log: Log, truth: pd.DataFrame) -> Callable[[np.random.Generator], L
     surge_rate, sway_rate, yaw_acceleration = (
         CubicSpline(time, true[name])(time, 1) for name in ("surge_m_s", "sway_m_s", "yaw_rate_rad_s")
     )
-    voyage = Voyage(
+    voyage = Voyage.level(
         time=time,
         north=true["north_m"],
         east=true["east_m"],
@@ -142,10 +142,7 @@ def redrawer(log: Log, truth: pd.DataFrame) -> Callable[[np.random.Generator], L
         sway_rate=sway_rate,
         yaw_acceleration=yaw_acceleration,
         rudder=true["rudder_angle_rad"],
-        order=true["rudder_angle_rad"],
         shaft=true["shaft_speed_rps"],
-        current=np.zeros(2),
-        wind=np.zeros(2),
     )
     every = round(1 / float(time[1] - time[0]), 6)  # Hz: sampled at every row, then masked as the log is
     instruments = Sensors(

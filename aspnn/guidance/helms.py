@@ -1,6 +1,6 @@
 """Helms: callables `(time, state) -> rudder order`, for a whole batch of ships at once.
 
-`time` [s] is one number, `state` an array (batch, 7) whose columns are named by the constants below, the result an array
+`time` [s] is one number, `state` an array (batch, 9) or (batch, 15) whose columns are named by the constants below, the result an array
 (batch,) of rudder orders [rad], positive to starboard. Any simulator, or a live ship, that offers these columns can be
 steered by these helms. A helm with a memory (zigzag, Williamson turn) forgets it at every call up to its first order, so
 the same helm can steer one run after another.
@@ -19,8 +19,17 @@ HEADING = 2  # rad, from grid north, continuous (not wrapped)
 SURGE = 3  # m/s, through the water, at midship
 SWAY = 4  # m/s, through the water, at midship
 YAW_RATE = 5  # rad/s
-RUDDER = 6  # rad, the rudder angle itself
-COLUMNS = 7
+RUDDER = 6  # rad, the rudder angle itself (of a craft without rudder: its steering lever)
+SHAFT = 7  # rev/s, the shaft speed itself, ahead positive
+PITCH_RATIO = 8  # the propeller's pitch over its diameter, ahead positive; NaN where it is fixed
+COLUMNS = 9  # of a ship of three degrees of freedom; one of six goes on:
+DOWN = 9  # m, of midship below its place at rest
+ROLL = 10  # rad, starboard side down positive
+PITCH = 11  # rad, bow up positive
+HEAVE = 12  # m/s, downward, body axes
+ROLL_RATE = 13  # rad/s
+PITCH_RATE = 14  # rad/s
+SIX = 15
 
 Helm = Callable[[float, np.ndarray], np.ndarray]
 
@@ -83,6 +92,18 @@ def williamson_turn(order: float, start: float = 0.0, away: float = math.radians
     return helm
 
 
+def steady_heading(gain: float, lead: float, most: float) -> Helm:
+    """An autopilot that keeps the heading of its first call: rudder = gain x (error - `lead` [s] x yaw rate), within +-`most` [rad]."""
+    memory: dict[str, np.ndarray] = {}
+
+    def helm(time: float, state: np.ndarray) -> np.ndarray:
+        if time <= 1e-9:
+            memory["initial"] = state[:, HEADING].copy()
+        return np.clip(gain * (memory["initial"] - state[:, HEADING] - lead * state[:, YAW_RATE]), -most, most)
+
+    return helm
+
+
 def held_orders(orders: Sequence[Orders]) -> Helm:
     """Rudder orders known beforehand, one series per ship of the batch; a single series serves every ship."""
     length = max(len(one.times) for one in orders)
@@ -96,6 +117,20 @@ def held_orders(orders: Sequence[Orders]) -> Helm:
         return order if len(order) == len(state) else np.full(len(state), order[0])
 
     return helm
+
+
+def pull_out_orders(order: float, hold: float) -> Orders:
+    """Pull-out: the rudder `order` [rad] held for `hold` [s], then amidships (MSC/Circ.1053, appendix 4)."""
+    return Orders(np.array([0.0, hold]), np.array([order, 0.0]))
+
+
+def spiral_orders(angles: np.ndarray, hold: float) -> Orders:
+    """Direct spiral: rudder `angles` [rad], ascending, from the last (most to starboard) down to the first and up again.
+
+    Each is held for `hold` [s], which must be enough for a steady yaw rate (MSC/Circ.1053, appendix 4).
+    """
+    way = np.append(angles[::-1], angles[1:])
+    return Orders(np.arange(len(way)) * hold, way)
 
 
 def random_orders(

@@ -125,7 +125,7 @@ def train_bundle(training: Training, material: Material, folder: Path, quiet: bo
         name=training.name,
         network=network,
         spec=windows.spec,
-        vessel=replace(material.vessel, mmg=None, wind=None),  # the simulator's secrets are not the predictor's
+        vessel=replace(material.vessel, simulator={}),  # the simulator's secrets are not the predictor's
         region_map=isinstance(net, ThesisNet),
         domain=_domain(windows),
         provenance={"aspnn": __version__, "torch": torch.__version__, "training": _plain(training), **material.facts},

@@ -1,4 +1,4 @@
-"""Recorded NMEA 0183 sentences into canonical logs, and canonical logs into sentences.
+"""Recorded NMEA 0183 sentences into canonical logs (nmea_write.py goes the other way).
 
 Several GNSS receivers, gyros and rudder indicators on one line are told apart by the source of their TAG block, else by
 their talker. Rows stand at the epochs of the fixes and at the times of the other sensors (recording.py says which those
@@ -6,7 +6,7 @@ are); what a sensor does not say at a row is NaN.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,8 +21,9 @@ from aspnn.config import read_toml
 from aspnn.frames import Zone
 from aspnn.logs.derived import with_rudder_orders
 from aspnn.logs.maps import Map, Strict, mapped_vessel, source_files
+from aspnn.logs.readings import ACCELERATIONS
 from aspnn.logs.recording import TOGETHER, Recording, clock, read_recording, unix
-from aspnn.logs.sentences import KNOT, Fault, Sentence, encode, encode_tag
+from aspnn.logs.sentences import Fault, Sentence
 from aspnn.records import Log, sha256
 from aspnn.schema import InputError
 from aspnn.vessel import from_dict
@@ -40,6 +41,12 @@ QUANTITIES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
     "course": tuple((formatter, ("course_over_ground_deg", "speed_over_ground_m_s")) for formatter in ("RMC", "VTG")),
     "wind": (("MWV", ("wind_speed_true_m_s", "wind_angle_true_deg")),),
     "shaft": (("RPM", ("shaft_speed_rps",)), ("RPM", ("engine_speed_rps",))),
+    "propeller_pitch": (("RPM", ("propeller_pitch_percent",)),),
+    "engine_order": (("PRC", ("engine_order_rps",)),),
+    "attitude": (("XDR", ("roll_deg", "pitch_deg")),),
+    "acceleration": (("XDR", tuple(ACCELERATIONS.values())),),
+    "speed_log": tuple((formatter, ("speed_through_water_m_s",)) for formatter in ("VBW", "VHW")),
+    "depth": (("DPT", ("depth_m",)),),
 }
 RENAMED = {
     "rudder_angle_port_deg": "rudder_angle_deg",
@@ -66,11 +73,18 @@ class Chosen(Strict):
     course: str | None = None
     wind: str | None = None
     shaft: str | None = Field(default=None, pattern=r"^[SE]\d\d?$")
+    propeller_pitch: str | None = None
+    engine_order: str | None = None
+    attitude: str | None = None
+    acceleration: str | None = None
+    speed_log: str | None = None
+    depth: str | None = None
 
 
 class NmeaMap(Map):
     """A map of a ship's sentences. `start` gives the day where no sentence does. `scale` multiplies columns (-1: sensor
-    mounted the wrong way). `period_s` thins every sensor to one value per period. `simulator` takes data so flagged."""
+    mounted the wrong way). `period_s` thins every sensor to one value per period. `simulator` takes data so flagged.
+    `full_pitch_ratio` is the pitch ratio that RPM calls 100 %; without it no propeller pitch is taken."""
 
     zone: str
     antennas: dict[Annotated[str, Field(pattern="^[a-z][a-z0-9]*$")], Antenna] = Field(min_length=1)
@@ -78,6 +92,7 @@ class NmeaMap(Map):
     scale: dict[str, float] = Field(default_factory=dict)
     period_s: float | None = Field(default=None, gt=0)
     simulator: bool = False
+    full_pitch_ratio: float | None = Field(default=None, gt=0)
 
 
 def import_nmea0183(sources: Sequence[str | Path], map: str | Path, vessel: str | None = None) -> list[Log]:
@@ -209,6 +224,8 @@ def _choose(
         raise InputError(f"{map}: antennas: two have the same source; each antenna has a receiver of its own")
     for what, channels in QUANTITIES.items():
         chosen[what] = best(channels, getattr(plan.sensors, what), f"sensors.{what}")
+    if plan.full_pitch_ratio is None:
+        chosen["propeller_pitch"] = None
     return {what: choice for what, choice in chosen.items() if choice is not None}
 
 
@@ -232,6 +249,9 @@ def _series(good: list[tuple[float, Sentence]], chosen, plan: NmeaMap) -> dict[s
             kept = np.diff(np.floor(t / plan.period_s + 1e-3), prepend=-np.inf) > 0
             t, value = t[kept], value[kept]
         series[column] = t, value
+    if plan.full_pitch_ratio is not None and "propeller_pitch_percent" in series:
+        t, percent = series.pop("propeller_pitch_percent")
+        series["propeller_pitch_ratio"] = t, percent / 100 * plan.full_pitch_ratio
     angle = series.pop("wind_angle_true_deg", None)
     if angle is not None and "heading_deg" in series:
         (t, heading), (at, from_bow) = series["heading_deg"], angle
@@ -261,70 +281,3 @@ def _table(series: dict[str, tuple[np.ndarray, np.ndarray]], antennas) -> tuple[
 def _iso(time: float) -> str:
     moment = datetime(1970, 1, 1) + timedelta(milliseconds=round(time * 1000))
     return moment.isoformat(timespec="milliseconds" if moment.microsecond else "seconds") + "Z"
-
-
-TALKERS = ("GP", "GN", "GL", "GA", "GB", "GQ")  # one per antenna, in the order of the log
-
-
-def to_nmea(log: Log) -> Iterator[str]:
-    """The log as recorded sentences, one per line, each with a TAG block of its time; `import_nmea0183` reads them back.
-
-    GGA per antenna (talkers GP, GN, GL, ... in the log's order), RMC of the first, HDT, ROT, RSA, ROR, RPM and MWV; other
-    columns have no sentence. Positions have 1e-7 minutes (0.2 mm), angles and speeds four decimals, times milliseconds.
-    """
-    names = schema.antennas(log.table.columns)
-    if not log.start or f"{names[0]}_latitude_deg" not in log.table:
-        raise InputError(f"{log.path or 'log'}: sentences need the start of the log in UTC, and latitudes")
-    if len(names) > len(TALKERS):
-        raise InputError(f"{log.path or 'log'}: has {len(names)} antennas, at most {len(TALKERS)} have a talker")
-    start = round(unix(log.start) * 1000)
-    for row in log.table.to_dict("records"):
-        known = {str(k): v for k, v in row.items() if np.isfinite(v)}
-        stamp = start + round(known.pop("time_s") * 1000)
-        moment = datetime(1970, 1, 1) + timedelta(milliseconds=stamp)
-        tag = encode_tag(time=stamp / 1000)
-        for sentence in _sentences(known, names, f"{moment:%H%M%S}.{stamp % 1000:03d}", f"{moment:%d%m%y}"):
-            yield f"{tag}{sentence}\r\n"
-
-
-def _sentences(row: dict[str, float], names: list[str], utc: str, day: str) -> Iterator[str]:
-    def text(column: str, scale: float = 1.0, circle: float | None = None) -> str:
-        if column not in row:
-            return ""
-        value = round(row[column] * scale, 4)
-        return f"{value % circle if circle else value:.4f}"
-
-    def place(antenna: str) -> list[str] | None:
-        values = [row.get(f"{antenna}_{name}") for name in NAMES[:2]]
-        if None in values:
-            return None
-        return [*_minutes(values[0], 2, "NS"), *_minutes(values[1], 3, "EW")]
-
-    for talker, antenna in zip(TALKERS, names, strict=False):
-        if fix := place(antenna):
-            height = text(f"{antenna}_height_m")
-            above = [height, "M", "0.0", "M"] if height else ["", "", "", ""]
-            yield encode(talker, "GGA", [utc, *fix, "1", "", "", *above, "", ""])
-    if fix := place(names[0]):
-        motion = [text("speed_over_ground_m_s", 1 / KNOT), text("course_over_ground_deg", circle=360.0)]
-        yield encode(TALKERS[0], "RMC", [utc, "A", *fix, *motion, day, "", "", "A"])
-    if "heading_deg" in row:
-        yield encode("HE", "HDT", [text("heading_deg", circle=360.0), "T"])
-    if "yaw_rate_deg_s" in row:
-        yield encode("TI", "ROT", [text("yaw_rate_deg_s", 60.0), "A"])
-    if "rudder_angle_deg" in row:
-        yield encode("II", "RSA", [text("rudder_angle_deg"), "A", "", "V"])
-    if "rudder_order_deg" in row:
-        yield encode("II", "ROR", [text("rudder_order_deg"), "A", "", "V", "B"])
-    if "shaft_speed_rps" in row:
-        yield encode("ER", "RPM", ["S", "0", text("shaft_speed_rps", 60.0), "", "A"])
-    if "wind_speed_true_m_s" in row and "wind_from_true_deg" in row and "heading_deg" in row:
-        from_bow = round(row["wind_from_true_deg"] - row["heading_deg"], 4) % 360
-        yield encode("WI", "MWV", [f"{from_bow:.4f}", "T", text("wind_speed_true_m_s"), "M", "A"])
-
-
-def _minutes(angle: float | None, digits: int, letters: str) -> list[str]:
-    """Degrees and minutes with seven decimals, and the letter; counted in 1e-7 minutes, so that none rounds up to 60."""
-    assert angle is not None
-    degrees, minutes = divmod(round(abs(angle) * 6e8), 600_000_000)
-    return [f"{degrees:0{digits}d}{minutes / 1e7:010.7f}", letters[angle < 0]]

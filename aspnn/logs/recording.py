@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aspnn.logs.sentences import TIMED, Bad, Fault, Sentence, Status, checksum, decode
+from aspnn.logs.readings import TIMED, Status
+from aspnn.logs.sentences import Bad, Fault, Sentence, checksum, decode
 
 DAY = 86400.0
 TOGETHER = 5e-4  # s: times closer than this are one epoch

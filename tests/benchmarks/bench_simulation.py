@@ -11,12 +11,11 @@ import numpy as np
 from aspnn.guidance import held_orders, random_orders
 from aspnn.simulation import (
     Scenario,
+    Sea,
     Ship,
-    balanced_shaft_speed,
     run_on,
     simulate,
     simulate_scenario,
-    start_states,
 )
 from aspnn.vessel import load_vessel
 
@@ -45,15 +44,15 @@ def rate(what, run):
 def main():
     vessel = load_vessel("cargo90")
     ship, speed = Ship.of(vessel), vessel.service_speed
-    shaft = balanced_shaft_speed(ship.mmg, speed)
     rng = np.random.default_rng(1)
     orders = [random_orders(rng, DURATION, 35, 5) for _ in range(VOYAGES)]
-    start = start_states(np.zeros(VOYAGES), 0.0, rng.uniform(0, 2 * np.pi, VOYAGES), speed)
+    start = ship.start(np.zeros(VOYAGES), 0.0, rng.uniform(0, 2 * np.pi, VOYAGES), speed)
     series = np.array([one.at(np.arange(0, DURATION, STEP)) for one in orders])
     scenario = Scenario.model_validate(SCENARIO)
-    rate("under a helm", lambda: simulate(ship, held_orders(orders), start, DURATION, shaft))
-    rate("in a wind of 10 m/s", lambda: simulate(ship, held_orders(orders), start, DURATION, shaft, wind=[10.0, 0.0]))
-    rate("orders known", lambda: run_on(ship, start, series, shaft))
+    blow = Sea(wind=np.array([10.0, 0.0]))
+    rate("under a helm", lambda: simulate(ship, held_orders(orders), start, DURATION))
+    rate("in a wind of 10 m/s", lambda: simulate(ship, orders, start, DURATION, sea=blow))
+    rate("orders known", lambda: run_on(ship, start, series))
     rate("scenario with sensors", lambda: [len(log) for log, _ in simulate_scenario(scenario)])
 
 

@@ -12,8 +12,7 @@ from aspnn.evaluation.windows import SHIP
 from aspnn.orders import Orders
 from aspnn.records import States
 from aspnn.schema import InputError
-from aspnn.simulation.mmg import Ship, balanced_shaft_speed
-from aspnn.simulation.voyage import simulate, start_states
+from aspnn.simulation import Sea, Ship, simulate
 from aspnn.vessel import load_vessel
 from tests.evaluation.conftest import nomoto_voyage, table_of
 
@@ -25,10 +24,8 @@ def simulated(wind=0.0) -> Voyage:
     vessel = load_vessel("cargo90")
     ship = Ship.of(vessel)
     plan = Orders(np.array([0.0, 150.0, 190.0, 330.0]), np.radians([0.0, 20.0, -15.0, 5.0]))
-    run = simulate(
-        ship, lambda time, states: np.full(len(states), float(plan.at(time))), start_states(7.2e6, 4.1e5, 0.5, 5.9),
-        480.0, balanced_shaft_speed(ship.mmg, 5.9), CURRENT, wind,
-    )[0]  # fmt: skip
+    start, sea = ship.start(7.2e6, 4.1e5, 0.5, 5.9), Sea(current=np.array(CURRENT), wind=np.broadcast_to(wind, 2))
+    run = simulate(ship, [plan], start, 480.0, sea=sea)[0]
     truth = run.truth()
     names = ("north_m", "east_m", "heading_rad", "surge_m_s", "sway_m_s", "yaw_rate_rad_s", "rudder_angle_rad")
     table = table_of(run.time, run.order, {name: truth[name].to_numpy() for name in names})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aspnn.guidance import held_orders, random_orders, straight, turning_circle, williamson_turn, zigzag
-from aspnn.guidance.helms import COLUMNS, HEADING, YAW_RATE
+from aspnn.guidance.helms import COLUMNS, HEADING, YAW_RATE, pull_out_orders, spiral_orders
 from aspnn.orders import Orders
 
 
@@ -104,3 +104,10 @@ def test_random_orders_repeat_with_their_seed():
     one, two = (random_orders(np.random.default_rng(3), 1800, 35, 5) for _ in range(2))
     np.testing.assert_array_equal(one.times, two.times)
     np.testing.assert_array_equal(one.values, two.values)
+
+
+def test_spiral_and_pull_out_orders_are_their_angles_in_turn():
+    """Oracle: the definition; the spiral goes from starboard to port and back, the pull-out back to amidships."""
+    spiral = spiral_orders(np.array([-0.2, 0.0, 0.2]), 30.0)
+    np.testing.assert_array_equal(spiral.at(np.arange(0, 180, 15)), np.repeat([0.2, 0.0, -0.2, 0.0, 0.2, 0.2], 2))
+    np.testing.assert_array_equal(pull_out_orders(-0.3, 60.0).at([0.0, 59.9, 60.0, 900.0]), [-0.3, -0.3, 0.0, 0.0])

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from aspnn.logs.readings import FORMATTERS, KNOT, Status
 from aspnn.logs.recording import read_line
-from aspnn.logs.sentences import FORMATTERS, KNOT, Bad, Fault, Sentence, Status, checksum, decode, encode, encode_tag
+from aspnn.logs.sentences import Bad, Fault, Sentence, checksum, decode, encode, encode_tag
 
 # (formatter, fields, our values by pynmea2's numbers)
 CASES = {
@@ -50,12 +51,30 @@ CASES = {
         lambda p: {"rudder_angle_deg": float(p.rsa_starboard), "rudder_angle_port_deg": float(p.rsa_port)},
     ),
     "ROR": ("-20.0,A,,V,B", None),
-    "RPM": ("S,0,-164.9,80.0,A", lambda p: {"shaft_speed_rps": p.speed / 60}),
+    "RPM": (
+        "S,0,-164.9,80.0,A",
+        lambda p: {"shaft_speed_rps": p.speed / 60, "propeller_pitch_percent": float(p.pitch)},
+    ),
     "MWV": (
         "214.8,T,36.0,K,A",
         lambda p: {"wind_angle_true_deg": float(p.wind_angle), "wind_speed_true_m_s": float(p.wind_speed) / 3.6},
     ),
     "ZDA": ("201530.00,04,07,2002,00,00", lambda p: {}),
+    "XDR": (
+        "A,-1.5,D,PTCH,C,19.5,C,AIR,A,2.25,D,ROLL,G,-0.125,,ACCY",
+        lambda p: {
+            "pitch_deg": float(p.get_transducer(0).value),
+            "roll_deg": float(p.get_transducer(2).value),
+            "acceleration_sway_m_s2": float(p.get_transducer(3).value),
+        },
+    ),
+    "VBW": ("-1.25,0.5,A,1.0,0.25,A", lambda p: {"speed_through_water_m_s": float(p.lon_water_spd) * KNOT}),
+    "VHW": (
+        "245.1,T,245.1,M,000.01,N,000.01,K",
+        lambda p: {"speed_through_water_m_s": float(p.water_speed_knots) * KNOT},
+    ),
+    "DPT": ("21.4,5.5,100.0", lambda p: {"depth_m": float(p.depth) + float(p.offset)}),
+    "PRC": ("45.5,A,-120.0,R,,V,B,0", None),
 }
 
 
@@ -109,7 +128,7 @@ PUBLISHED = {
     # examples in the public test-suites of NMEA parsers
     "$IIRSA,10.5,A,0.4,A*70": {"rudder_angle_deg": 10.5, "rudder_angle_port_deg": 0.4},
     "$TIROT,-0.3,A*15": {"yaw_rate_deg_s": -0.005},
-    "$IIRPM,E,1,2418.2,10.5,A*5F": {"engine_speed_rps": 2418.2 / 60},
+    "$IIRPM,E,1,2418.2,10.5,A*5F": {"engine_speed_rps": 2418.2 / 60, "propeller_pitch_percent": 10.5},
     "$WIMWV,214.8,R,0.1,K,A*28": {"wind_angle_relative_deg": 214.8, "wind_speed_relative_m_s": 0.1 / 3.6},
 }
 

@@ -13,15 +13,13 @@ from aspnn.orders import Orders
 from aspnn.schema import InputError
 from aspnn.simulation import (
     Mmg,
+    Sea,
     Ship,
-    balanced_shaft_speed,
     run_on,
     simulate,
-    start_states,
     turning_circle_indices,
     zigzag_overshoots,
 )
-from aspnn.simulation.mmg import AIR_DENSITY, Air, _wind_load
 from aspnn.vessel import load_vessel
 
 REFERENCE = Path(__file__).parents[1] / "reference"
@@ -32,14 +30,21 @@ def the(name):
     """Ship, service speed and the shaft speed that balances it."""
     vessel = load_vessel(name)
     ship = Ship.of(vessel)
-    return ship, vessel.service_speed, balanced_shaft_speed(ship.mmg, vessel.service_speed)
+    return ship, vessel.service_speed, ship.model.balance(vessel.service_speed)[0]
+
+
+def rows(ship, *states, shaft=0.0):
+    """States (n, 7) up to the rudder with a shaft speed and the pitch of the service speed."""
+    found = np.tile(ship.start(0.0, 0.0, 0.0, ship.service_speed), (len(states), 1))
+    found[:, :7], found[:, 7] = states, shaft
+    return found
 
 
 def trial(name, helm, lengths=60, dt=None):
     """One voyage of `lengths` ship lengths at service speed, in steps of the ship's own time scale."""
-    ship, speed, shaft = the(name)
-    unit = ship.mmg.Lpp / speed
-    return simulate(ship, helm, start_states(0.0, 0.0, 0.2, speed), lengths * unit, shaft, dt=dt or unit / 150)[0]
+    ship, speed, _ = the(name)
+    unit = ship.model.Lpp / speed
+    return simulate(ship, helm, ship.start(0.0, 0.0, 0.2, speed), lengths * unit, dt=dt or unit / 150)[0]
 
 
 def turn(name, degrees, dt=None):
@@ -63,18 +68,18 @@ def test_equals_shipmmg(name, rudder):
     """
     peer = pytest.importorskip("shipmmg.mmg_3dof")
     ship, speed, shaft = the(name)
-    ship = replace(ship, mmg=ship.mmg._replace(exponential_wake=True, x_G=0.0))
-    unit = ship.mmg.Lpp / speed
+    ship = replace(ship, model=ship.model._replace(exponential_wake=True, x_G=0.0))
+    unit = ship.model.Lpp / speed
     time = np.arange(6001) * unit / 150
     delta = {
         "starboard": np.full(len(time), math.radians(20)),
         "port": np.full(len(time), math.radians(-35)),
         "swinging": math.radians(20) * np.sin(2 * np.pi * time / (8 * unit)),
     }[rudder]
-    start = start_states(0.0, 0.0, 0.0, speed)
+    start = ship.start(0.0, 0.0, 0.0, speed)
     start[0, 6] = delta[0]
     ours = run_on(ship, start, delta[None, 1:], shaft, dt=time[1])[0]
-    theirs = shipmmg(peer, ship.mmg, time, delta, shaft, speed)
+    theirs = shipmmg(peer, ship.model, time, delta, shaft, speed)
     tolerance = 5e-3 if rudder == "swinging" else 1e-6
     travelled = np.abs(np.diff(ours[:, 0] + 1j * ours[:, 1])).sum()
     for column, row, scale in (
@@ -184,9 +189,9 @@ def test_balanced_propeller_keeps_the_speed(name):
 def test_the_step_is_of_order_four():
     """Oracle: the order of the classical Runge-Kutta method; halving the step divides the error by 16, here by 12 to 40."""
     ship, _, shaft = the("cargo90")
-    start = np.array(
-        [[0, 0, 0.4, 5.0, -0.6, 0.012, math.radians(20)]]
-    )  # amid a turn, where all coefficients are smooth
+    start = rows(
+        ship, [0, 0, 0.4, 5.0, -0.6, 0.012, math.radians(20)], shaft=shaft
+    )  # where all coefficients are smooth
 
     def end(dt):
         return run_on(ship, start, np.full((1, round(64 / dt)), math.radians(20)), shaft, dt=dt)[0, -1, :6]
@@ -198,21 +203,23 @@ def test_the_step_is_of_order_four():
 
 
 def test_the_rudder_is_the_servo_of_the_orders():
-    """Oracle: Orders.servo, exact for a limited rate; orders beyond the stop are held at it."""
-    ship, speed, shaft = the("cargo90")
+    """Oracle: Orders.servo, exact for a limited rate; an order beyond the stop is refused."""
+    ship, speed, _ = the("cargo90")
     time = np.arange(0, 300, 0.1)
-    orders = Orders(np.array([0.0, 20.0, 29.7, 80.0, 200.0]), np.radians([0.0, 35.0, -20.0, 50.0, 5.0]))
-    path = run_on(ship, start_states(0.0, 0.0, 0.0, speed), orders.at(time)[None, :-1], shaft)[0]
-    within = Orders(orders.times, np.clip(orders.values, -ship.rudder_max, ship.rudder_max))
-    np.testing.assert_allclose(path[:, 6], within.servo(time, 0.0, ship.rudder_rate), atol=1e-12)
+    orders = Orders(np.array([0.0, 20.0, 29.7, 80.0, 200.0]), np.radians([0.0, 35.0, -20.0, 30.0, 5.0]))
+    start = ship.start(0.0, 0.0, 0.0, speed)
+    path = run_on(ship, start, orders.at(time)[None, :-1])[0]
+    np.testing.assert_allclose(path[:, 6], orders.servo(time, 0.0, ship.rudder.rate), atol=1e-12)
+    with pytest.raises(InputError, match=r"vessel cargo90: a rudder order \[rad\] of 0\.87"):
+        run_on(ship, start, np.full((1, 3), math.radians(50)))
 
 
 def test_a_current_carries_ship_and_water_alike():
     """Oracle: Galilean invariance; seen from the water nothing changes, and the track drifts with the current."""
-    ship, speed, shaft = the("cargo90")
-    helm, start, current = turning_circle(0.4, 30.0), start_states(10.0, 20.0, 1.0, speed), np.array([0.7, -0.4])
-    calm = simulate(ship, helm, start, 600, shaft)[0]
-    moved = simulate(ship, helm, start, 600, shaft, current=current)[0]
+    ship, speed, _ = the("cargo90")
+    helm, start, current = turning_circle(0.4, 30.0), ship.start(10.0, 20.0, 1.0, speed), np.array([0.7, -0.4])
+    calm = simulate(ship, helm, start, 600)[0]
+    moved = simulate(ship, helm, start, 600, sea=Sea(current=current))[0]
     np.testing.assert_allclose(moved.north, calm.north + current[0] * calm.time, atol=1e-9)
     np.testing.assert_allclose(moved.east, calm.east + current[1] * calm.time, atol=1e-9)
     np.testing.assert_allclose(moved.heading, calm.heading, atol=1e-12)
@@ -223,10 +230,10 @@ def test_a_current_carries_ship_and_water_alike():
 @pytest.mark.parametrize("name", SHIPS)
 def test_voyage_rates_are_derivatives(name):
     """Oracle: central differences of the voyage's own positions and velocities, in a current, with their order of error."""
-    ship, speed, shaft = the(name)
-    unit = ship.mmg.Lpp / speed
-    start, current = start_states(0.0, 0.0, 0.3, speed), np.array([0.1, -0.07]) * speed
-    v = simulate(ship, turning_circle(0.3), start, 20 * unit, shaft, current=current, dt=unit / 400)[0]
+    ship, speed, _ = the(name)
+    unit = ship.model.Lpp / speed
+    start, current = ship.start(0.0, 0.0, 0.3, speed), np.array([0.1, -0.07]) * speed
+    v = simulate(ship, turning_circle(0.3), start, 20 * unit, sea=Sea(current=current), dt=unit / 400)[0]
     inner = slice(600, -2)  # the rudder, which has a kink where it stops, has reached its order
     for value, rate, scale in (
         (v.north, v.surge * np.cos(v.heading) - v.sway * np.sin(v.heading), speed),
@@ -256,13 +263,13 @@ def test_a_steady_turn_is_a_circle(name, degrees):
 def test_energy_falls_with_the_engine_stopped(name):
     """Law: with the propeller stopped, no hull or rudder at any angle adds to the kinetic energy of ship and added mass."""
     ship, speed, _ = the(name)
-    p, rng, n = ship.mmg, np.random.default_rng(1), 200
-    start = np.zeros((n, 7))
+    p, rng, n = ship.model, np.random.default_rng(1), 200
+    start = rows(ship, *np.zeros((n, 7)))
     start[:, 3] = rng.uniform(0.3, 1, n) * speed
     start[:, 4] = rng.uniform(-0.3, 0.3, n) * speed
     start[:, 5] = rng.uniform(-0.4, 0.4, n) * speed / p.Lpp
-    start[:, 6] = rng.uniform(-1, 1, n) * ship.rudder_max
-    x = run_on(ship, start, np.repeat(start[:, 6:], 1000, axis=1), 0.0, dt=p.Lpp / speed / 20)
+    start[:, 6] = rng.uniform(-1, 1, n) * ship.rudder.most
+    x = run_on(ship, start, np.repeat(start[:, 6:7], 1000, axis=1), 0.0, dt=p.Lpp / speed / 20)
     u, v, r = x[..., 3], x[..., 4], x[..., 5]
     mass, unit = p.rho * p.nabla, 0.5 * p.rho * p.Lpp**2 * p.d
     inertia = mass * (p.kzz * p.Lpp) ** 2 + p.x_G**2 * mass + p.J_z * unit * p.Lpp**2
@@ -273,24 +280,26 @@ def test_energy_falls_with_the_engine_stopped(name):
 def test_a_symmetric_ship_turns_alike_to_both_sides():
     """Law: with gamma_R and C2 equal on both sides the mirrored start gives the mirrored motion, in mirrored wind too."""
     ship, speed, shaft = the("cargo90")
-    ship = replace(ship, mmg=ship.mmg._replace(gamma_R_plus=ship.mmg.gamma_R_minus, C2_plus=ship.mmg.C2_minus))
-    start = np.array([[0.0, 0.0, 0.0, speed, 0.3, 0.004, 0.1]])
-    mirror = np.array([1, -1, -1, 1, -1, -1, -1.0])
+    p = ship.model
+    ship = replace(ship, model=p._replace(gamma_R_plus=p.gamma_R_minus, C2_plus=p.C2_minus))
+    start = rows(ship, [0.0, 0.0, 0.0, speed, 0.3, 0.004, 0.1], shaft=shaft)
+    mirror = np.array([1, -1, -1, 1, -1, -1, -1.0, 1, 1])
     order = np.radians(np.repeat([20.0, -35.0, 5.0], 1000))[None]
-    one = run_on(ship, start, order, shaft, wind=[-8.0, 5.0])
-    other = run_on(ship, start * mirror, -order, shaft, wind=[-8.0, -5.0])
+    one = run_on(ship, start, order, sea=Sea(wind=np.array([-8.0, 5.0])))
+    other = run_on(ship, start * mirror, -order, sea=Sea(wind=np.array([-8.0, -5.0])))
     np.testing.assert_allclose(other, one * mirror, rtol=1e-9, atol=1e-9)
-    unlike = run_on(ship, start * mirror, -order, shaft, wind=[-8.0, 5.0])
+    unlike = run_on(ship, start * mirror, -order, sea=Sea(wind=np.array([-8.0, 5.0])))
     assert np.abs(unlike - one * mirror).max() > 1
 
 
 def test_a_free_body_turns_about_its_centre_of_gravity():
     """Oracle: without any hydrodynamic force the centre of gravity runs straight at constant speed and the yaw rate is constant."""
     ship, _, _ = the("kvlcc2_full")
-    keep = {name: getattr(ship.mmg, name) for name in ("rho", "Lpp", "d", "nabla", "x_G", "kzz", "D_P", "H_R")}
-    nothing = Mmg(**{name: keep.get(name, 0.0) for name in Mmg._fields if name != "exponential_wake"})
-    ship = replace(ship, mmg=nothing)
-    start = np.array([[5.0, -3.0, 0.3, 6.0, 1.0, 0.02, 0.0]])
+    keep = {name: getattr(ship.model, name) for name in ("rho", "Lpp", "d", "nabla", "x_G", "kzz", "D_P", "H_R")}
+    still = ship.model.propeller._replace(k0=0.0, k1=0.0, k2=0.0, curves=0 * ship.model.propeller.curves)
+    numbers = {name: keep.get(name, 0.0) for name in Mmg._fields if name not in ("exponential_wake", "propeller")}
+    ship = replace(ship, model=Mmg(**numbers, propeller=still))
+    start = rows(replace(ship, model=the("kvlcc2_full")[0].model), [5.0, -3.0, 0.3, 6.0, 1.0, 0.02, 0.0])
     x = run_on(ship, start, np.zeros((1, 3000)), 0.0)[0]
     np.testing.assert_allclose(x[:, 5], 0.02, rtol=1e-9)
     middle = x[:, 0] + 1j * x[:, 1] + keep["x_G"] * np.exp(1j * x[:, 2])
@@ -298,29 +307,12 @@ def test_a_free_body_turns_about_its_centre_of_gravity():
     np.testing.assert_allclose(middle, middle[0] + velocity * np.arange(3001) * 0.1, atol=1e-6)
 
 
-def test_wind_loads_are_blendermanns():
-    """Oracle: the formulas at the angles where they are plain: ahead, astern, abeam; and their mirror."""
-    air = Air(A_F=160.0, A_L=480.0, length=90.0, CDt=0.85, CDl_0=0.65, CDl_pi=0.55, delta=0.4, s_L=-4.0)
-    pressure = AIR_DENSITY / 2 * 10**2
-    np.testing.assert_allclose(_wind_load(air, 10.0, 0.0), [-pressure * 160 * 0.65, 0, 0], atol=1e-9)
-    np.testing.assert_allclose(_wind_load(air, -10.0, 0.0), [pressure * 160 * 0.55, 0, 0], atol=1e-9)
-    abeam = pressure * 480 * 0.85
-    np.testing.assert_allclose(
-        _wind_load(air, 0.0, -10.0), [0, abeam, -4 * abeam], atol=1e-9
-    )  # from port, to starboard
-    side = np.array(_wind_load(air, 6.0, 8.0))
-    np.testing.assert_allclose(_wind_load(air, 6.0, -8.0), side * [1, -1, -1])
-    sine2 = 2 * 0.6 * 0.8
-    D = 1 - 0.2 * (1 - 0.65 * 160 / (0.85 * 480)) * sine2**2
-    np.testing.assert_allclose(side[:2], [-pressure * 160 * 0.65 * 0.6 / D, -pressure * 480 * 0.85 * 0.8 / D])
-
-
 def test_wind_pushes_from_where_it_comes():
     """Law: wind from the west drives a ship that heads north to the east and leaves calm weather as it is."""
-    ship, speed, shaft = the("cargo90")
-    start = start_states(0.0, 0.0, 0.0, speed)
-    west = simulate(ship, straight(), start, 30, shaft, wind=[0.0, 12.0])[0]
-    ahead = simulate(ship, straight(), start, 30, shaft, wind=[-12.0, 0.0])[0]
+    ship, speed, _ = the("cargo90")
+    start = ship.start(0.0, 0.0, 0.0, speed)
+    west = simulate(ship, straight(), start, 30, sea=Sea(wind=np.array([0.0, 12.0])))[0]
+    ahead = simulate(ship, straight(), start, 30, sea=Sea(wind=np.array([-12.0, 0.0])))[0]
     assert west.sway[-1] > 0.01
     assert west.truth()["wind_from_grid_rad"].iloc[0] == pytest.approx(1.5 * np.pi)
     assert ahead.surge[-1] < speed - 0.01 and not ahead.sway.any()
@@ -329,37 +321,38 @@ def test_wind_pushes_from_where_it_comes():
 def test_known_orders_run_like_a_helm():
     """Oracle: the step-by-step integration, bit by bit, with a current, wind and different shafts."""
     ship, speed, shaft = the("cargo90")
-    start = start_states([0.0, 5.0], 0.0, [0.3, 2.0], speed)
+    start = ship.start([0.0, 5.0], 0.0, [0.3, 2.0], speed)
     helm = turning_circle(0.5, 10.0)
-    current, wind = [[0.2, 0.1], [0.0, -0.5]], [[3.0, 4.0], [0.0, 0.0]]
+    sea = Sea(current=np.array([[0.2, 0.1], [0.0, -0.5]]), wind=np.array([[3.0, 4.0], [0.0, 0.0]]))
     shafts = np.array([shaft, 0.8 * shaft])
-    voyages = simulate(ship, helm, start, 60, shafts, current, wind)
+    voyages = simulate(ship, helm, start, 60, shafts, sea=sea)
     orders = np.array([voyage.order[:-1] for voyage in voyages])
-    paths = run_on(ship, start, orders, shafts[:, None], current, wind)
+    paths = run_on(ship, start, orders, shafts[:, None], sea=sea)
     for voyage, path in zip(voyages, paths, strict=True):
         np.testing.assert_array_equal(
             np.column_stack([voyage.north, voyage.heading, voyage.rudder]), path[:, [0, 2, 6]]
         )
 
 
-@pytest.mark.parametrize("speed", [4.0, -2.0])
-def test_a_ship_with_its_engine_stopped_runs_out(speed):
-    """Oracle: quadratic drag of hull and stopped propeller, u = u0 / (1 + k |u0| t), ahead and (by design) astern alike."""
-    ship, _, _ = the("cargo90")
-    p = ship.mmg
+def test_a_ship_with_its_engine_stopped_runs_out():
+    """Oracle: quadratic drag of hull and stopped propeller, u = u0 / (1 + k u0 t); astern it runs out too, without turning."""
+    ship, speed = the("cargo90")[0], 4.0
+    p = ship.model
     drag = p.Lpp * p.d * p.R_0 / 2 - (1 - p.t_P) * p.D_P**2 * p.k2 * (1 - p.w_P0) ** 2
     k = drag / (p.nabla + p.m_x * p.Lpp**2 * p.d / 2)
-    path = run_on(ship, start_states(0.0, 0.0, 0.0, speed), np.zeros((1, 6000)), 0.0)[0]
-    np.testing.assert_allclose(path[:, 3], speed / (1 + k * abs(speed) * np.arange(6001) * 0.1), rtol=1e-9)
-    assert not path[:, 4:6].any()
+    start = rows(ship, [0.0, 0.0, 0.0, speed, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
+    ahead, astern = run_on(ship, start, np.zeros((2, 6000)), 0.0)
+    np.testing.assert_allclose(ahead[:, 3], speed / (1 + k * speed * np.arange(6001) * 0.1), rtol=1e-9)
+    assert np.all(np.diff(astern[:, 3]) > 0) and -1.5 < astern[-1, 3] < -0.5
+    assert not ahead[:, 4:6].any() and not astern[:, 4:6].any()
 
 
 def test_rest_and_spin_stay_regular():
     """Law: at rest with the engine stopped nothing moves; a spin on the spot dies out; from rest the engine drives ahead."""
     ship, _, shaft = the("cargo90")
-    start = np.zeros((3, 7))
+    start = rows(ship, *np.zeros((3, 7)), shaft=[0.0, 0.0, shaft])
     start[1, 5] = 0.05
-    path = run_on(ship, start, np.full((3, 6000), 0.3), np.array([[0.0], [0.0], [shaft]]))
+    path = run_on(ship, start, np.full((3, 6000), 0.3))
     assert np.isfinite(path).all()
     assert not path[0, :, :6].any()
     assert abs(path[1, -1, 5]) < 0.2 * 0.05
@@ -371,8 +364,11 @@ def test_rest_and_spin_stay_regular():
     [
         ({"Y_v": None}, "vessel cargo90: mmg.Y_v is missing or not a number"),
         ({"x_G": math.nan}, "vessel cargo90: mmg.x_G is missing or not a number"),
-        ({"nabla": -1.0}, "vessel cargo90: mmg.nabla = -1 must be positive"),
-        ({"w_P0": 1.2}, r"vessel cargo90: mmg.w_P0 = 1.2 must be in \[0, 1\)"),
+        ({"nabla": -1.0}, "vessel cargo90: mmg.nabla = -1 is outside 0.001 to 1e.06; check its unit and sign"),
+        ({"nabla": 6.188}, "vessel cargo90: mmg.nabla = 6.188 is 0.0008 of Lpp B d, not 0.3 to 1; check its unit"),
+        ({"A_R": 103.0}, "vessel cargo90: mmg.A_R = 103 is 0.186 of Lpp d"),
+        ({"w_P0": 1.2}, "vessel cargo90: mmg.w_P0 = 1.2 is outside 0 to 0.8"),
+        ({"Y_vr": 1.2}, "vessel cargo90: mmg.Y_vr is not known, did you mean Y_v"),
         ({"D_P": 5.0}, "vessel cargo90: mmg.D_P = 5 is larger than the rudder's span"),
     ],
 )
@@ -380,18 +376,20 @@ def test_a_wrong_coefficient_is_named(change, message):
     """Oracle: the message names vessel and coefficient."""
     vessel = load_vessel("cargo90")
     with pytest.raises(InputError, match=message):
-        Ship.of(replace(vessel, mmg={**vessel.mmg, **change}))
+        Ship.of(replace(vessel, simulator=vessel.simulator | {"mmg": vessel.simulator["mmg"] | change}))
 
 
 def test_what_cannot_be_simulated_is_said():
     """Oracle: the messages."""
     vessel = load_vessel("cargo90")
-    with pytest.raises(InputError, match="has no section mmg"):
-        Ship.of(replace(vessel, mmg=None))
+    with pytest.raises(InputError, match="has none of the sections mmg, mariner"):
+        Ship.of(replace(vessel, simulator={}))
     with pytest.raises(InputError, match=r"wind\.A_L is missing"):
-        Ship.of(replace(vessel, wind={"A_F": 1.0}))
-    ship, start = Ship.of(replace(vessel, wind=None)), start_states(0.0, 0.0, 0.0, 5.0)
+        Ship.of(replace(vessel, simulator=vessel.simulator | {"wind": {"A_F": 1.0}}))
+    calm = {key: value for key, value in vessel.simulator.items() if key != "wind"}
+    ship = Ship.of(replace(vessel, simulator=calm))
+    start = ship.start(0.0, 0.0, 0.0, 5.0)
     with pytest.raises(InputError, match="has no section wind"):
-        run_on(ship, start, np.zeros((1, 2)), 2.0, wind=[1.0, 0.0])
-    with pytest.raises(InputError, match="shaft speed of -1"):
-        run_on(ship, start, np.zeros((1, 2)), -1.0)
+        run_on(ship, start, np.zeros((1, 2)), sea=Sea(wind=np.array([1.0, 0.0])))
+    with pytest.raises(InputError, match=r"a shaft order \[rev/s\] of -50 is beyond the stops"):
+        run_on(ship, start, np.zeros((1, 2)), -50.0)

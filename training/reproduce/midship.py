@@ -20,15 +20,15 @@ from aspnn.estimation.models import ONE_STEP, Cmm, Ctra, Scheme, Sigma
 from aspnn.estimation.nonlinear import model_problem, two_point_start
 from aspnn.estimation.problem import OPEN, ModelProblem
 from aspnn.guidance.helms import Helm, held_orders, random_orders
-from aspnn.simulation.mmg import Ship, balanced_shaft_speed
-from aspnn.simulation.voyage import Voyage, simulate, start_states
+from aspnn.simulation.ship import Ship
+from aspnn.simulation.voyage import Voyage, simulate
 from aspnn.vessel import Noise, load_vessel
 
 VESSEL = load_vessel("cargo90")
 SHIP = Ship.of(VESSEL)
 SIZE = VESSEL.service_speed, VESSEL.length
 SPEED = 11.43 * 1852 / 3600  # m/s, Paper II 5.1
-SHAFT = balanced_shaft_speed(SHIP.mmg, SPEED)
+SHAFT, PITCH = SHIP.model.balance(SPEED)
 # R of Paper II, table 3 (its gyro is ten times sharper than that of the later papers)
 NOISE = replace(VESSEL.noise, position=1.0, heading=math.radians(0.5), yaw_rate=math.radians(1e-3), acceleration=0.01)
 # Q of Paper II, table 3, as listed and in the order of the states [p, p, v, v, psi, r, a, a] (E24)
@@ -41,7 +41,7 @@ TUNING = 101, 3, 900.0  # seed, number and length [s] of the voyages of random o
 
 def sail(helm: Helm, heading: float, duration: float) -> Voyage:
     """The voyage of cargo90 from a straight course of `heading` [rad] at the papers' speed, in calm water."""
-    return simulate(SHIP, helm, start_states(0.0, 0.0, heading, SPEED), duration, shaft=SHAFT)[0]
+    return simulate(SHIP, helm, SHIP.start(0.0, 0.0, heading, SPEED), duration)[0]
 
 
 def draws(voyage: Voyage, runs: int, seed: int) -> Iterator[Measurements]:

@@ -23,6 +23,7 @@ import numpy as np
 import pandas as pd
 from midship import (
     PERMUTED,
+    PITCH,
     PRINTED,
     SHAFT,
     SHIP,
@@ -150,11 +151,11 @@ def six_segment_voyage() -> tuple[Voyage, np.ndarray]:
         starts.append(starts[-1] + int(np.argmax(later)))
     end = starts[-1]
     state = [getattr(first, name)[end] for name in ("north", "east", "heading", "surge", "sway", "yaw_rate", "rudder")]
-    last = simulate(SHIP, straight(), np.array([state]), LAST, shaft=SHAFT * SLOWER)[0]
+    last = simulate(SHIP, straight(), np.array([[*state, SHAFT * SLOWER, PITCH]]), LAST)[0]
     series = {
         f.name: np.concatenate([getattr(first, f.name)[:end], getattr(last, f.name)])
         for f in fields(Voyage)
-        if getattr(first, f.name).shape == first.time.shape
+        if np.shape(getattr(first, f.name))[:1] == first.time.shape
     }
     time = 0.1 * np.arange(len(series["time"]))
     return replace(first, **(series | {"time": time})), np.searchsorted(starts, np.arange(len(time)), side="right")
