@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from peers import shipmmg
 
 from aspnn.guidance import straight, turning_circle, zigzag
 from aspnn.orders import Orders
@@ -66,7 +67,7 @@ def test_equals_shipmmg(name, rudder):
     rudder) from the velocity v - r x_G, which is not the midship of its other terms; rudders that its cubic spline follows
     (constant, or a slow sine that our servo follows within its rate); an integration tolerance of 1e-8.
     """
-    peer = pytest.importorskip("shipmmg.mmg_3dof")
+    pytest.importorskip("shipmmg.mmg_3dof")
     ship, speed, shaft = the(name)
     ship = replace(ship, model=ship.model._replace(exponential_wake=True, x_G=0.0))
     unit = ship.model.Lpp / speed
@@ -79,7 +80,7 @@ def test_equals_shipmmg(name, rudder):
     start = ship.start(0.0, 0.0, 0.0, speed)
     start[0, 6] = delta[0]
     ours = run_on(ship, start, delta[None, 1:], shaft, dt=time[1])[0]
-    theirs = shipmmg(peer, ship.model, time, delta, shaft, speed)
+    theirs = shipmmg(ship.model, time, delta, shaft, speed, rtol=1e-8, atol=1e-10)
     tolerance = 5e-3 if rudder == "swinging" else 1e-6
     travelled = np.abs(np.diff(ours[:, 0] + 1j * ours[:, 1])).sum()
     for column, row, scale in (
@@ -92,50 +93,6 @@ def test_equals_shipmmg(name, rudder):
     ):
         scale = np.abs(theirs[row]).max() if scale is None else scale
         np.testing.assert_allclose(ours[:, column], theirs[row], rtol=0, atol=tolerance * scale)
-
-
-def shipmmg(peer, mmg, time, delta, shaft, speed):
-    """Rows u, v, r, x, y, psi of shipmmg's solution; its parameter objects are filled from the dimensionless ones."""
-    L, mass, unit = mmg.Lpp, mmg.rho * mmg.nabla, 0.5 * mmg.rho * mmg.Lpp**2 * mmg.d
-    basic = {
-        "L_pp": L,
-        "B": np.nan,
-        "d": mmg.d,
-        "x_G": mmg.x_G,
-        "D_p": mmg.D_P,
-        "m": mass,
-        "A_R": mmg.A_R,
-        "I_zG": mass * (mmg.kzz * L) ** 2,
-        "m_x": mmg.m_x * unit,
-        "m_y": mmg.m_y * unit,
-        "J_z": mmg.J_z * unit * L**2,
-        "η": mmg.D_P / mmg.H_R,
-        "f_α": mmg.f_alpha,
-        "\u03b5": mmg.epsilon,
-        "t_R": mmg.t_R,
-        "x_R": mmg.x_R * L,
-        "a_H": mmg.a_H,
-        "x_H": mmg.x_H * L,
-        "γ_R_minus": mmg.gamma_R_minus,
-        "γ_R_plus": mmg.gamma_R_plus,
-        "l_R": mmg.l_R,
-        "κ": mmg.kappa,
-        "t_P": mmg.t_P,
-        "w_P0": mmg.w_P0,
-        "x_P": mmg.x_P,
-    }
-    names = peer.Mmg3DofManeuveringParams.__dataclass_fields__
-    hull = {name: getattr(mmg, name.replace("k_", "k").replace("_dash", "")) for name in names}
-    solution = peer.simulate_mmg_3dof(
-        peer.Mmg3DofBasicParams(**basic),
-        peer.Mmg3DofManeuveringParams(**hull),
-        *(time, delta, np.full(len(time), shaft)),
-        u0=speed,
-        ρ=mmg.rho,
-        rtol=1e-8,
-        atol=1e-10,
-    )
-    return solution.sol(time)
 
 
 @pytest.mark.parametrize("side, degrees", [("stbd", 35), ("port", -35)])
