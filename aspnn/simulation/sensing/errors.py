@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 from numba import njit
-from scipy.signal import lfilter
 
 HOUR = 3600.0  # s
 
@@ -22,7 +21,7 @@ def gauss_markov(rng: np.random.Generator, shape: tuple[int, int], dt: float, de
         return np.zeros(shape)
     drive = rng.standard_normal(shape)
     drive[:, 1:] *= math.sqrt(-math.expm1(-2 * dt / time))
-    return deviation * lfilter([1.0], [1.0, -math.exp(-dt / time)], drive, axis=1)
+    return deviation * np.stack([_recursion(math.exp(-dt / time), row) for row in drive])
 
 
 def bias(rng: np.random.Generator, shape: tuple[int, int], dt: float, deviation: float, walk_1h: float) -> np.ndarray:
@@ -68,7 +67,19 @@ def damped(values: np.ndarray, dt: float, time: float) -> np.ndarray:
         return values
     a = math.exp(-dt / time)
     gain = time * (1 - a) / dt  # of the integral of exp(-s / time) over a step
-    return lfilter([1 - gain, gain - a], [1.0, -a], values - values[0]) + values[0]
+    x = values - values[0]
+    return _recursion(a, (1 - gain) * x + (gain - a) * np.concatenate([[0.0], x[:-1]])) + values[0]
+
+
+@njit(cache=True, nogil=True)
+def _recursion(a: float, drive: np.ndarray) -> np.ndarray:
+    """y_k = a y_k-1 + drive_k from rest. (scipy.signal has this too, but takes most of a second to import.)"""
+    out = np.empty(len(drive))
+    last = 0.0
+    for k in range(len(drive)):
+        last = a * last + drive[k]
+        out[k] = last
+    return out
 
 
 @njit(cache=True, nogil=True)
