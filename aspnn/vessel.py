@@ -109,6 +109,14 @@ class Vessel:
     dead_band: float = 0.0
     simulator: dict[str, dict[str, Any]] = field(default_factory=dict)
     sources: dict[str, str] = field(default_factory=dict)
+    file: str = field(
+        default="", compare=False
+    )  # where it was read from; empty for a packaged one, or one that came with a log
+
+    @property
+    def label(self) -> str:
+        """What a message calls it: its file, or the name of a packaged vessel."""
+        return self.file or f"vessel {self.name}"
 
     @property
     def sway_stations(self) -> tuple[float, float]:
@@ -308,7 +316,9 @@ def load_vessel(name: str | Path) -> Vessel:
         raise InputError(f"{path}: not JSON ({error})") from None
     if not isinstance(data, dict):
         raise InputError(f"{path}: a vessel file holds one JSON object")
-    return from_dict(data, str(path) if path.parent != FOLDER else f"{name}.json")
+    if path.parent == FOLDER:
+        return from_dict(data, f"{name}.json")
+    return replace(from_dict(data, str(path)), file=str(path))
 
 
 def vessels() -> list[str]:

@@ -37,7 +37,7 @@ class Sea:
         wind = np.asarray(self.wind, float)
         wind = wind if wind.ndim == 3 else np.broadcast_to(wind, (batch, 2))[:, None]
         if wind.any() and ship.air.A_L == 0:
-            raise InputError(f"vessel {ship.name}: has no section wind, so it cannot be simulated in wind")
+            raise InputError(f"{ship.vessel.label}: has no section wind, so it cannot be simulated in wind")
         eddies, waves = (np.asarray(a, float) for a in (self.eddies, self.waves))
         water = calm(batch)._replace(
             current=np.array(np.broadcast_to(self.current, (batch, 2)), float),

@@ -23,6 +23,7 @@ from aspnn.simulation.ships.workboat import Workboat
 from aspnn.vessel import Vessel
 
 MODELS: dict[str, Any] = {"mmg": Mmg, "mariner": Mariner, "otter": Otter, "trimaran": Trimaran, "workboat": Workboat}
+KNOT = 1852 / 3600  # m/s
 ASTERN, DRIFT, YAW, BACKING, SLOW = 1, 2, 4, 8, 16  # bits of `outside`
 FASTEST = 1.5  # greatest product of step and fastest mode; Runge-Kutta of order 4 is stable up to 2.8
 
@@ -58,7 +59,7 @@ class Ship:
         sections = [name for name in MODELS if name in vessel.simulator]
         if len(sections) != 1:
             raise InputError(
-                f"vessel {vessel.name}: has {' and '.join(sections) or 'none'} of the sections {', '.join(MODELS)};"
+                f"{vessel.label}: has {' and '.join(sections) or 'none'} of the sections {', '.join(MODELS)};"
                 f" one is needed to simulate it"
             )
         model = MODELS[sections[0]].of(vessel)
@@ -84,7 +85,7 @@ class Ship:
         if math.isinf(depth):
             return self
         if not isinstance(self.model, Mmg):
-            raise InputError(f"vessel {self.name}: its model has no shallow-water correction; leave the depth out")
+            raise InputError(f"{self.vessel.label}: its model has no shallow-water correction; leave the depth out")
         return replace(self, model=shallow(self.model, self.vessel.beam, depth), depth=depth)
 
     @property
@@ -109,13 +110,18 @@ class Ship:
 
     def start(self, north, east, heading, speed) -> np.ndarray:
         """Start states (batch, columns) straight ahead at `speed` [m/s] through the water, rudder amidships, shaft (and of
-        six degrees the attitude) in balance."""
+        six degrees the attitude) in balance. Raises InputError for a speed that the engine cannot hold."""
         states = np.zeros((*np.broadcast_shapes(*(np.shape(x) for x in (north, east, heading, speed))), self.columns))
         states[..., helms.NORTH], states[..., helms.EAST] = north, east
         states[..., helms.HEADING], states[..., helms.SURGE] = heading, speed
         states = np.atleast_2d(states)
         for row in states:
             row[helms.SHAFT], row[helms.PITCH_RATIO] = self.model.balance(row[helms.SURGE])
+            if not self.shaft.least <= row[helms.SHAFT] <= self.shaft.most:
+                raise InputError(
+                    f"{self.vessel.label}: {row[helms.SURGE]:.4g} m/s ({row[helms.SURGE] / KNOT:.4g} kn) needs"
+                    f" {row[helms.SHAFT]:.3g} rev/s of the shaft, whose engine gives {self.shaft.least:.3g} to {self.shaft.most:.3g}"
+                )
             if isinstance(self.model, Otter | Workboat):
                 row[helms.DOWN], row[helms.ROLL], row[helms.PITCH] = self.model.attitude(row[helms.SURGE])
                 row[helms.HEAVE] = row[helms.SURGE] * math.tan(row[helms.PITCH])  # level
@@ -171,7 +177,7 @@ def _engine(vessel: Vessel, service: float) -> Servo:
     found = coefficients(vessel, "engine", bounds, default)
     if service > found["most_rps"]:
         raise InputError(
-            f"vessel {vessel.name}: engine.most_rps = {found['most_rps']:g} is below the {service:.4g} that service speed needs"
+            f"{vessel.label}: engine.most_rps = {found['most_rps']:g} is below the {service:.4g} that service speed needs"
         )
     return Servo(found["least_rps"], found["most_rps"], found["rate_rps_s"], found["lag_s"], 0.0, found["delay_s"])
 

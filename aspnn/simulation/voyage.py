@@ -189,10 +189,10 @@ def run_on(ship: Ship, start, orders, shaft=None, pitch=None, sea: Sea | None = 
 
 
 def _within(ship: Ship, orders: np.ndarray) -> None:
-    within_stops(ship.rudder, orders[..., 0], f"vessel {ship.name}: a rudder order [rad]")
-    within_stops(ship.shaft, orders[..., 1], f"vessel {ship.name}: a shaft order [rev/s]")
+    within_stops(ship.rudder, orders[..., 0], f"{ship.vessel.label}: a rudder order [rad]")
+    within_stops(ship.shaft, orders[..., 1], f"{ship.vessel.label}: a shaft order [rev/s]")
     pitch = orders[..., 2]
-    within_stops(ship.pitch, pitch[np.isfinite(pitch)], f"vessel {ship.name}: an order of the pitch ratio")
+    within_stops(ship.pitch, pitch[np.isfinite(pitch)], f"{ship.vessel.label}: an order of the pitch ratio")
 
 
 def _voyage(ship: Ship, time, states, orders, water: Water, b: int, dt: float, waves) -> Voyage:

@@ -1,5 +1,6 @@
 """The MMG model, against shipmmg, published tables, an independent prototype, exact solutions and laws."""
 
+import json
 import math
 import tomllib
 from dataclasses import replace
@@ -350,3 +351,13 @@ def test_what_cannot_be_simulated_is_said():
         run_on(ship, start, np.zeros((1, 2)), sea=Sea(wind=np.array([1.0, 0.0])))
     with pytest.raises(InputError, match=r"a shaft order \[rev/s\] of -50 is beyond the stops"):
         run_on(ship, start, np.zeros((1, 2)), -50.0)
+
+
+def test_a_file_of_ones_own_is_named(tmp_path):
+    """Oracle: the message names the file that the user wrote, not the vessel it says it is."""
+    data = load_vessel("cargo90").to_dict()
+    data["mmg"]["Y_v"] = 37.0
+    path = tmp_path / "mine.json"
+    path.write_text(json.dumps(data))
+    with pytest.raises(InputError, match=r"mine\.json: mmg\.Y_v = 37 is outside -3 to 3; check its unit and sign"):
+        Ship.of(load_vessel(path))

@@ -15,6 +15,7 @@ from aspnn.simulation.motion import Motion, level, over_ground, with_waves
 from aspnn.vessel import load_vessel
 
 KNOT = 1852 / 3600
+SLOW = {"speed_kn": 2.0, "latitude_deg": 60.0, "longitude_deg": 3.0, "zone": "31N", "heading_deg": 40}
 
 
 def scenario(**parts):
@@ -135,7 +136,8 @@ def test_prescribed_orders_and_the_autopilot():
         ({"vessel": "workboat8", "step_s": 0.5}, "step_s = 0.5 is too long for the fastest motion of workboat8; at most 0.2"),
         ({"vessel": "mariner", "environment": {"depth_m": 20}}, "mariner: its model has no shallow-water correction"),
         ({"environment": {"depth_m": 7.0}}, "depth"),
-        ({"vessel": "trimaran", "environment": {"wind_kn": 5}}, "vessel trimaran: has no section wind"),
+        ({"vessel": "trimaran"}, r"vessel trimaran: 5.916 m/s \(11.5 kn\) needs 11.8 rev/s of the shaft"),
+        ({"vessel": "kvlcc2_l7", "start": SLOW, "environment": {"wind_kn": 5}}, "vessel kvlcc2_l7: has no section wind"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_said(parts, message):

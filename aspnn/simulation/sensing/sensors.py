@@ -244,7 +244,7 @@ def _polar(north: np.ndarray, east: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def _place(voyage: Voyage, vessel: Vessel, antenna: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Northing, easting and height above the still water [m] of an antenna. Raises InputError when it has no station."""
     if antenna not in vessel.stations:
-        raise InputError(f"vessel {vessel.name}: antenna {antenna} has no station; add stations_m.{antenna} = [x, y]")
+        raise InputError(f"{vessel.label}: antenna {antenna} has no station; add stations_m.{antenna} = [x, y]")
     height = vessel.heights.get(antenna, 0.0)
     forward, starboard, down = lever_arm(voyage, vessel.stations[antenna], height)
     north, east = to_north_east(forward, starboard, voyage.heading)

@@ -23,15 +23,15 @@ def coefficients(
         if name not in bounds:
             near = get_close_matches(name, bounds, 1)
             hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(bounds)}"
-            raise InputError(f"vessel {vessel.name}: {section}.{name} is not known, {hint}")
+            raise InputError(f"{vessel.label}: {section}.{name} is not known, {hint}")
     found = {}
     for name, (low, high) in bounds.items():
         value = data.get(name, default.get(name))
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise InputError(f"vessel {vessel.name}: {section}.{name} is missing or not a number")
+            raise InputError(f"{vessel.label}: {section}.{name} is missing or not a number")
         if not low <= value <= high:
             raise InputError(
-                f"vessel {vessel.name}: {section}.{name} = {value:g} is outside {low:g} to {high:g}; check its unit and sign"
+                f"{vessel.label}: {section}.{name} = {value:g} is outside {low:g} to {high:g}; check its unit and sign"
             )
         found[name] = float(value)
     return found

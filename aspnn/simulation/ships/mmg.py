@@ -8,7 +8,7 @@ Forces go by the velocity through the water. The propeller has four quadrants (s
 import math
 from typing import Any, NamedTuple
 
-from numba import njit, types
+from numba import njit
 from numba.extending import overload
 
 from aspnn.schema import InputError
@@ -93,13 +93,11 @@ class Mmg(NamedTuple):
         ):
             if not low <= value <= high:
                 raise InputError(
-                    f"vessel {vessel.name}: mmg.{name} = {found[name]:g} is {value:.3g} of {of}, not {low:g} to {high:g};"
+                    f"{vessel.label}: mmg.{name} = {found[name]:g} is {value:.3g} of {of}, not {low:g} to {high:g};"
                     f" check its unit"
                 )
         if found["D_P"] > found["H_R"]:
-            raise InputError(
-                f"vessel {vessel.name}: mmg.D_P = {found['D_P']:g} is larger than the rudder's span mmg.H_R"
-            )
+            raise InputError(f"{vessel.label}: mmg.D_P = {found['D_P']:g} is larger than the rudder's span mmg.H_R")
         numbers: dict[str, Any] = {name: found[name] for name in Mmg._fields if name in found}
         return Mmg(**numbers, propeller=Propeller.of(vessel))
 
@@ -206,6 +204,6 @@ INLINE: Any = {"forceinline": True, "error_model": "numpy", **UNCOUNTED}
 
 @overload(accelerations, jit_options=INLINE)
 def _mmg(model, x, load, out):
-    if isinstance(model, types.NamedTuple) and model.instance_class is Mmg:
+    if getattr(model, "instance_class", None) is Mmg:
         return lambda model, x, load, out: _accelerations(model, x, load, out)
     return None

@@ -73,9 +73,7 @@ class Otter(NamedTuple):
         weight = total * GRAVITY
         springs = (rho * GRAVITY * area, weight * (above + across / volume), weight * (above + along / volume))
         if min(springs) <= 0:
-            raise InputError(
-                f"vessel {vessel.name}: otter.z_p = {c['z_p']:g} m makes it capsize (GM < 0); lower the payload"
-            )
+            raise InputError(f"{vessel.label}: otter.z_p = {c['z_p']:g} m makes it capsize (GM < 0); lower the payload")
         extra = c["m_p"] * GRAVITY
         overload = (extra, c["y_p"] * extra, -c["x_p"] * extra)
         astern = 0.5 * c["bollard_astern"]

@@ -75,7 +75,7 @@ class Propeller(NamedTuple):
         )
         if known["hand"] not in (-1.0, 1.0):
             raise InputError(
-                f"vessel {vessel.name}: propeller.hand = {known['hand']:g} must be 1 (right-handed) or -1 (left-handed)"
+                f"{vessel.label}: propeller.hand = {known['hand']:g} must be 1 (right-handed) or -1 (left-handed)"
             )
         service, own = known["pitch_ratio"], (k0, k1, k2)
         if table is None:
@@ -84,7 +84,7 @@ class Propeller(NamedTuple):
             curves = np.zeros((2, 2 * CELLS, 4, 4))
             curves[..., 0] = _along_w(reduced)
         else:
-            rows = _rows(vessel.name, table, service, own)
+            rows = _rows(vessel.label, table, service, own)
             flat = (0.0, *rows[min(rows)][1:])
             ratios = np.array([*(-ratio for ratio in reversed(rows)), 0.0, *rows])
             reduced = np.array(
@@ -104,42 +104,38 @@ class Propeller(NamedTuple):
 def _number(vessel: Vessel, name: str) -> float:
     value = vessel.simulator.get("mmg", {}).get(name)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"vessel {vessel.name}: mmg.{name} is missing or not a number")
+        raise InputError(f"{vessel.label}: mmg.{name} is missing or not a number")
     if name in ("D_P", "Lpp", "k0") and value <= 0:
-        raise InputError(f"vessel {vessel.name}: mmg.{name} = {value:g} must be positive")
+        raise InputError(f"{vessel.label}: mmg.{name} = {value:g} must be positive")
     if name == "k2" and value > 0:
-        raise InputError(
-            f"vessel {vessel.name}: mmg.k2 = {value:g} must not be positive; a stopped propeller would push"
-        )
+        raise InputError(f"{vessel.label}: mmg.k2 = {value:g} must not be positive; a stopped propeller would push")
     return float(value)
 
 
 def _rows(vessel: str, table: object, service: float, own: Row) -> dict[float, Row]:
     """The rows of a pitch table by rising pitch ratio, with the service pitch among them. Raises InputError."""
     if not isinstance(table, dict) or len(table) < 3:
-        raise InputError(f"vessel {vessel}: propeller.table must map at least three pitch ratios to [k0, k1, k2]")
+        raise InputError(f"{vessel}: propeller.table must map at least three pitch ratios to [k0, k1, k2]")
     rows = {}
     for key, value in table.items():
         try:
             ratio, row = float(key), tuple(float(number) for number in value)
         except (TypeError, ValueError):
-            raise InputError(
-                f"vessel {vessel}: propeller.table {key} must be a pitch ratio with [k0, k1, k2]"
-            ) from None
+            raise InputError(f"{vessel}: propeller.table {key} must be a pitch ratio with [k0, k1, k2]") from None
         if len(row) != 3 or not all(math.isfinite(number) for number in row) or row[0] <= 0 or row[2] > 0:
-            raise InputError(f"vessel {vessel}: propeller.table {key} needs three numbers [k0 > 0, k1, k2 <= 0]")
+            raise InputError(f"{vessel}: propeller.table {key} needs three numbers [k0 > 0, k1, k2 <= 0]")
         if not 0.1 <= ratio <= max(PITCH_RATIOS):
-            raise InputError(f"vessel {vessel}: propeller.table {key} is outside 0.1 to {max(PITCH_RATIOS):g}")
+            raise InputError(f"{vessel}: propeller.table {key} is outside 0.1 to {max(PITCH_RATIOS):g}")
         rows[ratio] = row
     rows = dict(sorted(rows.items()))
     if not min(rows) <= service <= max(rows):
         raise InputError(
-            f"vessel {vessel}: propeller.pitch_ratio = {service:g} is outside propeller.table, {min(rows):g} to {max(rows):g}"
+            f"{vessel}: propeller.pitch_ratio = {service:g} is outside propeller.table, {min(rows):g} to {max(rows):g}"
         )
     near = _hermite(np.array(list(rows)), np.array(list(rows.values())))(service)
     if np.abs(near - own).max() > 0.03:
         raise InputError(
-            f"vessel {vessel}: propeller.table gives K_T = {near[0]:.3f} {near[1]:+.3f} J {near[2]:+.3f} J^2 at"
+            f"{vessel}: propeller.table gives K_T = {near[0]:.3f} {near[1]:+.3f} J {near[2]:+.3f} J^2 at"
             f" propeller.pitch_ratio = {service:g}, not mmg.k0, k1, k2 = {own[0]:.3f}, {own[1]:.3f}, {own[2]:.3f}"
         )
     return dict(sorted((rows | {service: own}).items()))

@@ -141,7 +141,7 @@ def zigzag(vessel: Vessel, rudder: float | None = None, speed: float | None = No
     )
     if not angles:
         raise InputError(
-            f"vessel {vessel.name}: its rudder stops at {math.degrees(setting.ship.rudder.most):g} deg, before the 10 deg of the"
+            f"{vessel.label}: its rudder stops at {math.degrees(setting.ship.rudder.most):g} deg, before the 10 deg of the"
             f" standard zigzag; give --rudder"
         )
     orders = [sign * angle for angle in angles for sign in (1, -1)]
@@ -304,12 +304,12 @@ def stopping(vessel: Vessel, rudder: float | None = None, speed: float | None = 
     """Full astern stop from `speed` [m/s], rudder amidships: shaft at its most astern, or the pitch where that can be turned."""
     setting = Setting.of(vessel, speed)
     if rudder is not None:
-        raise InputError(f"vessel {vessel.name}: the stopping trial keeps the rudder amidships; leave --rudder out")
+        raise InputError(f"{vessel.label}: the stopping trial keeps the rudder amidships; leave --rudder out")
     turned = math.isfinite(setting.ship.pitch.least)
     shaft, pitch = (None, setting.ship.pitch.least) if turned else (setting.ship.shaft.least, None)
     if (setting.ship.pitch.least if turned else setting.ship.shaft.least) >= 0:
         raise InputError(
-            f"vessel {vessel.name}: has no drive astern ({'pitch.least' if turned else 'engine.least_rps'} is 0); it cannot be stopped"
+            f"{vessel.label}: has no drive astern ({'pitch.least' if turned else 'engine.least_rps'} is 0); it cannot be stopped"
         )
     lengths = 30
     v = setting.run(np.zeros(1), 1, lengths, shaft=shaft, pitch=pitch)[0]

@@ -34,7 +34,7 @@ class Setting:
         """The trial of a vessel at `speed` [m/s], without it at its service speed. Raises InputError for one that is no speed."""
         speed = vessel.service_speed if speed is None else speed
         if not 0 < speed < math.inf:
-            raise InputError(f"vessel {vessel.name}: a test speed of {speed:g} m/s; give one above 0")
+            raise InputError(f"{vessel.label}: a test speed of {speed:g} m/s; give one above 0")
         ship = Ship.of(vessel)
         return Setting(ship, speed, *reference_length(ship))
 
@@ -50,7 +50,7 @@ class Setting:
             return min(usual, most)
         if not 0 < asked <= most + 1e-9:
             raise InputError(
-                f"vessel {self.ship.name}: a trial with {math.degrees(asked):g} deg of rudder; give an angle above 0,"
+                f"{self.ship.vessel.label}: a trial with {math.degrees(asked):g} deg of rudder; give an angle above 0,"
                 f" up to the stop at {math.degrees(most):g} deg"
             )
         return asked
