@@ -14,11 +14,10 @@ import math
 from typing import NamedTuple
 
 from numba import njit
-from numba.extending import overload
 
 from aspnn.guidance.helms import RUDDER, SHAFT, SURGE, SWAY, YAW_RATE
 from aspnn.simulation.ships.coefficients import coefficients
-from aspnn.simulation.ships.dynamics import accelerations
+from aspnn.simulation.ships.dynamics import register
 from aspnn.vessel import Vessel
 
 DOMAIN = 0.5  # |u'|: at 1 the polynomial's sway and yaw damping, which go with 1 + u', would vanish; a hard turn reaches 0.33
@@ -143,12 +142,4 @@ def _accelerations(p, x, load, out):
     out[YAW_RATE] = (m22 * N - m32 * Y) / determinant / p.L
 
 
-@overload(accelerations, inline="never")
-def _mariner(model, x, load, out):
-    if getattr(model, "instance_class", None) is Mariner:
-
-        def run(model, x, load, out):
-            return _accelerations(model, x, load, out)
-
-        return run
-    return None
+register(Mariner, _accelerations)

@@ -9,11 +9,10 @@ import math
 from typing import Any, NamedTuple
 
 from numba import njit
-from numba.extending import overload
 
 from aspnn.schema import InputError
 from aspnn.simulation.ships.coefficients import coefficients
-from aspnn.simulation.ships.dynamics import UNCOUNTED, accelerations
+from aspnn.simulation.ships.dynamics import UNCOUNTED, register
 from aspnn.simulation.ships.propeller import Propeller, lateral, rudder_flow, thrust
 from aspnn.vessel import Vessel
 
@@ -199,11 +198,4 @@ def _accelerations(p, x, load, out):
     out[5] = (m_y * N - x_m * Y) * share
 
 
-INLINE: Any = {"forceinline": True, "error_model": "numpy", **UNCOUNTED}
-
-
-@overload(accelerations, jit_options=INLINE)
-def _mmg(model, x, load, out):
-    if getattr(model, "instance_class", None) is Mmg:
-        return lambda model, x, load, out: _accelerations(model, x, load, out)
-    return None
+register(Mmg, _accelerations)

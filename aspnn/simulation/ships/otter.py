@@ -17,13 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numba.extending import overload
 
 from aspnn.guidance.helms import HEAVE, PITCH_RATE, RUDDER, SHAFT, SURGE, SWAY, YAW_RATE
 from aspnn.schema import InputError
 from aspnn.simulation.environment.waves import Box
 from aspnn.simulation.ships.coefficients import coefficients
-from aspnn.simulation.ships.dynamics import accelerations
+from aspnn.simulation.ships.dynamics import register
 from aspnn.simulation.ships.sixdof import GRAVITY, Body, afloat, cross_flow, cross_matrix, hoerner, respond, rigid_mass
 from aspnn.vessel import Vessel
 
@@ -210,12 +209,4 @@ def _accelerations(p, x, load, out):
     _pushed(p, x, port, starboard, load, out)
 
 
-@overload(accelerations, inline="never")
-def _otter(model, x, load, out):
-    if getattr(model, "instance_class", None) is Otter:
-
-        def run(model, x, load, out):
-            return _accelerations(model, x, load, out)
-
-        return run
-    return None
+register(Otter, _accelerations)

@@ -15,11 +15,10 @@ import math
 from typing import NamedTuple
 
 from numba import njit
-from numba.extending import overload
 
 from aspnn.guidance.helms import RUDDER, SHAFT, SURGE, SWAY, YAW_RATE
 from aspnn.simulation.ships.coefficients import coefficients
-from aspnn.simulation.ships.dynamics import accelerations
+from aspnn.simulation.ships.dynamics import register
 from aspnn.vessel import Vessel
 
 
@@ -67,12 +66,4 @@ def _accelerations(p, x, load, out):
     out[YAW_RATE] = ((p.m11 - p.m22) * u * v - p.d33 * r + p.moment * x[RUDDER] + load[5]) / p.m33
 
 
-@overload(accelerations, inline="never")
-def _trimaran(model, x, load, out):
-    if getattr(model, "instance_class", None) is Trimaran:
-
-        def run(model, x, load, out):
-            return _accelerations(model, x, load, out)
-
-        return run
-    return None
+register(Trimaran, _accelerations)

@@ -25,7 +25,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numba.extending import overload
 from scipy.optimize import root
 
 from aspnn.guidance.helms import (
@@ -44,7 +43,7 @@ from aspnn.guidance.helms import (
 from aspnn.schema import InputError
 from aspnn.simulation.environment.waves import Box
 from aspnn.simulation.ships.coefficients import coefficients
-from aspnn.simulation.ships.dynamics import accelerations
+from aspnn.simulation.ships.dynamics import register
 from aspnn.simulation.ships.sixdof import GRAVITY, Body, afloat, cross_flow, respond, rigid_mass
 from aspnn.vessel import Vessel
 
@@ -207,12 +206,4 @@ def _accelerations(b, x, load, out):
     respond(b.body, x, X, Y, Z, K, M, N, out)
 
 
-@overload(accelerations, inline="never")
-def _workboat(model, x, load, out):
-    if getattr(model, "instance_class", None) is Workboat:
-
-        def run(model, x, load, out):
-            return _accelerations(model, x, load, out)
-
-        return run
-    return None
+register(Workboat, _accelerations)
