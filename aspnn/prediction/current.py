@@ -1,0 +1,186 @@
+"""The current, from how a ship has drifted off what its own model says of the last minutes, used where it is sure.
+
+A network that learned in still water knows motion through the water. Seen from the water, a steady uniform current c leaves it
+right: velocities through the water are those over ground less c, and the ground path is the water path plus c t. So c is what
+makes the network's own paths of the recent past end where the ship did. Depends on features, motion, orders and records.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from aspnn.frames import to_body
+from aspnn.learning.features import forcing, history
+from aspnn.learning.windows import WindowSpec, start_wind
+from aspnn.motion import integrate, two_station_motion
+from aspnn.orders import Orders, Plan
+from aspnn.records import States
+from aspnn.schema import InputError
+from aspnn.vessel import Vessel
+
+# (history, forcing, wind) of n starts -> velocities (n, steps + 1, 3) [m/s]: surge, sway at bow and stern
+Network = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+PARTS = 3  # the last horizon is gone through again in so many parts, each from the states at its begin
+SURE = (
+    30.0  # twice the gain of log-likelihood that a current must bring: chance alone has 30 once in three million starts
+)
+MOVING = ("surge", "sway_bow", "sway_stern")  # inputs that are velocities over ground
+STILL = (
+    "yaw_rate",
+    "rudder_order",
+    "rudder_angle",
+    "shaft_speed",
+    "wind_forward",
+    "wind_starboard",
+)  # alike in any water
+STEPS = 3  # of Gauss and Newton; the second already moves less than a millimetre per second
+STEP = 0.05  # m/s, of the differences that make their derivatives
+USUAL = (
+    2.0  # m/s, standard deviation of a current's components before anything is known; a ship may tell nothing of one
+)
+
+
+class Current(NamedTuple):
+    """Estimated currents of n starts: velocity (n, 2) [m/s] towards grid north and east, 0 where not `sure` (n,), and the covariance
+    (n, 2, 2) of the estimate."""
+
+    velocity: np.ndarray
+    covariance: np.ndarray
+    sure: np.ndarray
+
+
+class Material(NamedTuple):
+    """What a network sees of n starts: history (n, steps, inputs) with the heading (n, steps) [rad] then, forcing, wind, and the
+    pose (n, 3) at the start."""
+
+    history: np.ndarray
+    heading: np.ndarray
+    forcing: np.ndarray
+    wind: np.ndarray
+    pose: np.ndarray
+
+
+def can_estimate(spec: WindowSpec) -> bool:
+    """Whether a network's inputs are such that velocities through the water can take their place."""
+    return set(spec.inputs) <= {*MOVING, *STILL}
+
+
+def material(states: States, rows: np.ndarray, plans: list[Plan], spec: WindowSpec, vessel: Vessel) -> Material:
+    """What the network sees at `rows` (n,) under `plans`. Raises InputError for want of history."""
+    past = history(states, rows, spec.inputs, spec.history_steps, spec.period)
+    if "rudder_order" in spec.inputs:
+        past[:, -1, spec.inputs.index("rudder_order")] = [plan.rudder.at(0.0) for plan in plans]
+    time = states["time_s"]
+    instants = time[rows][:, None] + spec.period * np.arange(1 - spec.history_steps, 1)
+    angle, shaft = states["rudder_angle_rad"][rows], states["shaft_speed_rps"][rows]
+    known = [
+        forcing(vessel, a, n, plan, spec.forcings, spec.time) for a, n, plan in zip(angle, shaft, plans, strict=True)
+    ]
+    pose = np.stack([states[name][rows] for name in ("north_m", "east_m", "heading_rad")], axis=-1)
+    heading = np.interp(instants, time, states["heading_rad"])
+    return Material(past, heading, np.stack(known), start_wind(states, rows), pose)
+
+
+def through_water(given: Material, spec: WindowSpec, current: np.ndarray) -> Material:
+    """The material as seen from water that flows with `current` (n, 2) [m/s]: velocities of ship and air relative to it."""
+    ahead, athwart = to_body(current[:, :1], current[:, 1:], given.heading)
+    past = given.history.copy()
+    for name, flow in zip(MOVING, (ahead, athwart, athwart), strict=True):
+        if name in spec.inputs:
+            past[..., spec.inputs.index(name)] -= flow
+    for name, flow in (("wind_forward", ahead), ("wind_starboard", athwart)):
+        if name in spec.inputs:
+            past[..., spec.inputs.index(name)] -= flow
+    felt = given.wind - np.column_stack([ahead[:, -1], athwart[:, -1]]) * given.wind.any(axis=1, keepdims=True)
+    return given._replace(history=past, wind=felt)
+
+
+def walked(velocities: np.ndarray, heading: np.ndarray, spec: WindowSpec, vessel: Vessel) -> np.ndarray:
+    """Ways (n, steps + 1) through the water, north + i east [m], of network velocities from `heading` (n,) [rad]."""
+    mean = (velocities[:, 1:] + velocities[:, :-1]) / 2
+    sway, yaw_rate = two_station_motion(mean[..., 1], mean[..., 2], *vessel.sway_stations)
+    pose = np.stack([0 * heading, 0 * heading, heading], axis=-1)
+    path = integrate(pose, np.stack([mean[..., 0], sway, yaw_rate], axis=-1), spec.period)
+    return path.north + 1j * path.east
+
+
+def estimate_current(
+    network: Network, spec: WindowSpec, vessel: Vessel, states: States, rows: np.ndarray, deviation: float
+) -> Current:
+    """The current at each of `rows` (n,) from the states before it; a start with less of them than two horizons has none.
+
+    The last horizon in PARTS: from the state at the begin of each the network runs on under the orders that were in force, and
+    its end is compared with where the ship was. Least squares over these 2 PARTS numbers, each with the variance
+    `deviation`^2 [m2] of the network's place after a part plus that of the filter's places at both ends, and a current that is
+    normal about zero with USUAL. The gain in twice the log-likelihood over still water is c^T P^-1 c; a current is used where
+    it exceeds SURE. What looks like a current and
+    is none, such as wind that the network does not know, gains less (largest seen of 10 m/s: about 30), and what only
+    chance makes far less.
+    """
+    rows = np.asarray(rows, int)
+    time, span = states["time_s"], spec.horizon / PARTS
+    velocity, covariance = np.zeros((len(rows), 2)), np.full((len(rows), 2, 2), np.nan)
+    before = spec.horizon + spec.period * (spec.history_steps - 1)
+    enough = np.flatnonzero(time[rows] - time[0] >= before - 1e-6)
+    sure = np.zeros(len(rows), bool)
+    if len(enough) == 0:
+        return Current(velocity, covariance, sure)
+    begins = np.concatenate([time[rows[enough]] - spec.horizon + k * span for k in range(PARTS)])
+    first, last = (np.searchsorted(time, t - 1e-6) for t in (begins, begins + span))
+    last = np.minimum(last, np.tile(rows[enough], PARTS))  # the start itself is the end of the last part
+    orders = Orders.from_series(time, states["rudder_order_rad"])
+    plans = [
+        Plan(orders.between(t, t + span), _shaft(states, a, b)) for t, a, b in zip(begins, first, last, strict=True)
+    ]
+    given = material(states, first, plans, spec, vessel)
+    place = states["north_m"] + 1j * states["east_m"]
+    went, steps = place[last] - place[first], np.rint((time[last] - time[first]) / spec.period).astype(int)
+    noise = [states[f"{axis}_m_sd"][first] ** 2 + states[f"{axis}_m_sd"][last] ** 2 for axis in ("north", "east")]
+    weight = 1 / (deviation**2 + np.stack(noise, axis=-1))  # (parts, 2)
+
+    def way(current: np.ndarray) -> np.ndarray:
+        seen = through_water(given, spec, current)
+        ways = walked(network(seen.history, seen.forcing, seen.wind), given.heading[:, -1], spec, vessel)
+        return ways[np.arange(len(steps)), steps] + (current[:, 0] + 1j * current[:, 1]) * steps * spec.period
+
+    found = np.zeros((len(enough), 2))
+    for _ in range(STEPS):
+        now = np.tile(found, (PARTS, 1))
+        here = way(now)
+        slopes = np.stack([(way(now + STEP * unit) - here) / STEP for unit in np.eye(2)], axis=-1)  # (parts, 2) complex
+        J = np.stack([slopes.real, slopes.imag], axis=1)  # (parts, of north and east, by north and east)
+        off = went - here
+        weighted = J * weight[..., None]
+        normal = _by_start(np.einsum("nij,nik->njk", weighted, J)) + np.eye(2) / USUAL**2
+        gradient = _by_start(np.einsum("nij,ni->nj", weighted, np.stack([off.real, off.imag], axis=-1)))
+        gradient -= found / USUAL**2
+        found = found + np.linalg.solve(normal, gradient[..., None])[..., 0]
+    gain = np.einsum("ni,nij,nj->n", found, normal, found)
+    sure[enough] = gain > SURE
+    velocity[enough] = np.where((gain > SURE)[:, None], found, 0.0)
+    covariance[enough] = np.linalg.inv(normal)
+    return Current(velocity, covariance, sure)
+
+
+def _by_start(parts: np.ndarray) -> np.ndarray:
+    """Sums over the parts of each start of arrays whose first axis runs over starts within parts."""
+    return parts.reshape(PARTS, -1, *parts.shape[1:]).sum(axis=0)
+
+
+def _shaft(states: States, first: int, last: int) -> Orders | None:
+    """The shaft speed that was measured over a part, or None where it was not."""
+    time, shaft = states["time_s"][first : last + 1], states["shaft_speed_rps"][first : last + 1]
+    if not np.isfinite(shaft).all():
+        return None
+    return Orders.from_series(time - time[0], shaft)
+
+
+def check_inputs(spec: WindowSpec, name: str) -> None:
+    """Raises InputError for a network whose inputs cannot be seen from the water."""
+    if not can_estimate(spec):
+        wrong = next(one for one in spec.inputs if one not in (*MOVING, *STILL))
+        raise InputError(
+            f"checkpoint {name}: input {wrong} has no meaning in a current; train without it to estimate currents"
+        )

@@ -1,0 +1,156 @@
+"""The current, against Galilei, a ship whose law is known, and voyages whose current is."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from aspnn.estimation import filter_log
+from aspnn.evaluation.windows import SHIP, find_starts
+from aspnn.frames import to_body
+from aspnn.prediction import current
+from aspnn.prediction.gru import GruPredictor
+from aspnn.records import States
+from aspnn.schema import InputError
+from aspnn.simulation.scenario import read_scenario, simulate_scenario
+
+ROOT = Path(__file__).parents[2]
+FLOW = np.array([0.6, -0.45])  # m/s
+DEVIATION = 0.24  # m, of the shipped network's places after 30 s, rms over its validation windows
+
+
+@cache
+def flagship():
+    return GruPredictor.load(ROOT / "checkpoints/cargo90").bundle
+
+
+@cache
+def voyage(name: str, seed: int):
+    """States and truth of the first voyage of a standard scenario under a new seed."""
+    scenario = read_scenario(ROOT / f"data/scenarios/{name}.toml")
+    log, truth = next(simulate_scenario(scenario, 1, seed))
+    return filter_log(log), truth
+
+
+def network(history, forcing, wind):
+    with torch.inference_mode():
+        inputs = (torch.from_numpy(a.astype(np.float32)) for a in (history, forcing, wind))
+        return flagship().network(*inputs).numpy().astype(float)
+
+
+def drifted(states: States, flow) -> States:
+    """The same voyage through water that flows: places and velocities over ground change, nothing else."""
+    table, time = states.table.copy(), states["time_s"]
+    table["north_m"] += flow[0] * time
+    table["east_m"] += flow[1] * time
+    ahead, athwart = to_body(flow[0], flow[1], states["heading_rad"])
+    table["surge_m_s"] += ahead
+    for name in ("sway_m_s", "sway_bow_m_s", "sway_stern_m_s"):
+        table[name] += athwart
+    return replace(states, table=table)
+
+
+def estimated(states, rows, net=network):
+    b = flagship()
+    return current.estimate_current(net, b.spec, b.vessel, states, rows, DEVIATION)
+
+
+def relaxing(history, forcing, wind):
+    """A ship with a law: surge goes to 6 m/s with 40 s, both sways to the rudder's 2 m/s per rad with 15 s."""
+    spec, time = flagship().spec, flagship().spec.time
+    now = history[:, -1][:, [spec.inputs.index(name) for name in current.MOVING]]
+    surge = 6 + (now[:, :1] - 6) * np.exp(-time / 40)
+    sway = now[:, 1:2] * np.exp(-time / 15)
+    return np.stack([surge, sway, sway], axis=-1)
+
+
+def straight(surge, sway) -> States:
+    """States of a ship on a steady heading with these velocities (n,) [m/s] through still water."""
+    states, _ = voyage("cargo90-test", 501)
+    time, table = states["time_s"], states.table.copy()
+    body = surge + 1j * sway + 0 * time
+    place = np.concatenate([[0], np.cumsum((body[1:] + body[:-1]) / 2 * np.diff(time))]) * np.exp(0.7j)
+    for name, values in (
+        *(("north_m", place.real), ("east_m", place.imag), ("heading_rad", 0.7), ("yaw_rate_rad_s", 0.0)),
+        *(
+            ("surge_m_s", body.real),
+            ("sway_m_s", body.imag),
+            ("sway_bow_m_s", body.imag),
+            ("sway_stern_m_s", body.imag),
+        ),
+    ):
+        table[name] = values
+    return replace(states, table=table)
+
+
+def test_a_known_law_tells_the_current_exactly():
+    """Oracle: a ship that obeys the law, made in still water and then set adrift; the prior takes less than 0.02 m/s off."""
+    time = voyage("cargo90-test", 501)[0]["time_s"]
+    ship = straight(6 - 2.0 * np.exp(-time / 40), 1.0 * np.exp(-time / 15))  # slow at first, and sliding
+    found = estimated(drifted(ship, FLOW), np.array([1200, 1400]), relaxing)
+    assert found.sure.all()
+    np.testing.assert_allclose(found.velocity, [FLOW, FLOW], atol=0.02)
+
+
+def test_adrift_is_the_same_voyage():
+    """Law (Galilei): the same voyage through flowing water gives that much more current, and the same way through the water."""
+    states, _ = voyage("cargo90-test", 501)
+    starts = find_starts(states, SHIP)
+    rows = starts.rows[:12]
+    there = drifted(states, FLOW)
+    calm, found = estimated(states, rows), estimated(there, rows)
+    assert not calm.sure.any() and not calm.velocity.any()
+    assert found.sure.all()
+    assert np.hypot(*(found.velocity - FLOW).T).max() < 0.06
+    b = flagship()
+    here = current.material(states, rows, list(starts.plans[:12]), b.spec, b.vessel)
+    seen = current.material(there, rows, list(starts.plans[:12]), b.spec, b.vessel)
+    seen = current.through_water(seen, b.spec, np.tile(FLOW, (12, 1)))
+    np.testing.assert_allclose(seen.history, here.history, atol=1e-9)
+
+
+def test_the_current_of_a_voyage_is_found():
+    """Statistic: in a simulated current of up to 1 m/s the error is 0.01 m/s at the median; bounds are four times that."""
+    states, truth = voyage("cargo90-current", 502)
+    true = truth[["current_north_m_s", "current_east_m_s"]].iloc[0].to_numpy()
+    found = estimated(states, find_starts(states, SHIP).rows)
+    assert np.hypot(*true) > 0.2
+    assert found.sure.mean() > 0.9
+    assert np.median(np.hypot(*(found.velocity - true).T)) < 0.04
+    deviation = np.sqrt(np.einsum("nii->n", found.covariance))
+    assert 0.002 < np.median(deviation) < 0.05
+
+
+def test_the_future_is_not_seen_and_a_short_past_tells_nothing():
+    """Law: later rows are changed, the estimate does not move; less than two horizons of states give none."""
+    states, _ = voyage("cargo90-current", 502)
+    row = int(find_starts(states, SHIP).rows[3])
+    table = states.table.copy()
+    table.loc[row + 1 :, ["north_m", "surge_m_s", "sway_bow_m_s", "heading_rad", "rudder_order_rad"]] = 7.0
+    first, second = (estimated(s, np.array([row])) for s in (states, replace(states, table=table)))
+    np.testing.assert_array_equal(first.velocity, second.velocity)
+    short = estimated(states, np.array([1180]))
+    assert not short.sure.any() and np.isnan(short.covariance).all()
+
+
+def test_a_ship_that_tells_nothing_keeps_the_prior():
+    """Law: on a straight course a network that holds the velocities of its start sees no difference between water and ground."""
+    places = [flagship().spec.inputs.index(name) for name in current.MOVING]
+
+    def held(history, forcing, wind):
+        return np.repeat(history[:, -1][:, None, places], len(flagship().spec.time), axis=1)
+
+    found = estimated(drifted(straight(6.0, 0.0), FLOW), np.array([3000]), held)
+    assert not found.sure.any()
+    np.testing.assert_allclose(found.covariance[0], np.eye(2) * current.USUAL**2, rtol=1e-3)
+
+
+def test_inputs_without_meaning_in_a_current_are_refused():
+    """Oracle: the message, for the thesis's network, which sees course and speed over ground."""
+    spec = GruPredictor.load(ROOT / "checkpoints/cargo90-thesis").bundle.spec
+    assert not current.can_estimate(spec)
+    with pytest.raises(InputError, match="has no meaning in a current"):
+        current.check_inputs(spec, "cargo90-thesis")
