@@ -140,16 +140,22 @@ def estimate_current(
     noise = [states[f"{axis}_m_sd"][first] ** 2 + states[f"{axis}_m_sd"][last] ** 2 for axis in ("north", "east")]
     weight = 1 / (deviation**2 + np.stack(noise, axis=-1))  # (parts, 2)
 
-    def way(current: np.ndarray) -> np.ndarray:
-        seen = through_water(given, spec, current)
-        ways = walked(network(seen.history, seen.forcing, seen.wind), given.heading[:, -1], spec, vessel)
-        return ways[np.arange(len(steps)), steps] + (current[:, 0] + 1j * current[:, 1]) * steps * spec.period
+    def ways(currents: np.ndarray) -> np.ndarray:
+        """Ground ways (variants, parts) in currents (variants, parts, 2), all in one call of the network."""
+        many = Material(*(np.concatenate([array] * len(currents)) for array in given))
+        flow = currents.reshape(-1, 2)
+        seen = through_water(many, spec, flow)
+        short = seen.forcing[:, : steps.max() + 1]  # a roll-out need not run further than a part
+        gone = walked(network(seen.history, short, seen.wind), many.heading[:, -1], spec, vessel)
+        ends = np.tile(steps, len(currents))
+        gone = gone[np.arange(len(ends)), ends] + (flow[:, 0] + 1j * flow[:, 1]) * ends * spec.period
+        return gone.reshape(len(currents), -1)
 
     found = np.zeros((len(enough), 2))
-    for _ in range(STEPS):
+    for step in range(STEPS):
         now = np.tile(found, (PARTS, 1))
-        here = way(now)
-        slopes = np.stack([(way(now + STEP * unit) - here) / STEP for unit in np.eye(2)], axis=-1)  # (parts, 2) complex
+        here, *moved = ways(now + STEP * np.array([[[0.0, 0.0]], [[1.0, 0.0]], [[0.0, 1.0]]]))
+        slopes = (np.stack(moved, axis=-1) - here[:, None]) / STEP  # (parts, by north and east)
         J = np.stack([slopes.real, slopes.imag], axis=1)  # (parts, of north and east, by north and east)
         off = went - here
         weighted = J * weight[..., None]
@@ -157,7 +163,9 @@ def estimate_current(
         gradient = _by_start(np.einsum("nij,ni->nj", weighted, np.stack([off.real, off.imag], axis=-1)))
         gradient -= found / USUAL**2
         found = found + np.linalg.solve(normal, gradient[..., None])[..., 0]
-    gain = np.einsum("ni,nij,nj->n", found, normal, found)
+        gain = np.einsum("ni,nij,nj->n", found, normal, found)
+        if step == 0 and gain.max() < SURE / 2:  # nowhere near: what the next steps would change is less than that
+            break
     sure[enough] = gain > SURE
     velocity[enough] = np.where((gain > SURE)[:, None], found, 0.0)
     covariance[enough] = np.linalg.inv(normal)
