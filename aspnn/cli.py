@@ -181,13 +181,60 @@ def train(
     seed: Annotated[int | None, typer.Option(help="Seed in place of the file's.")] = None,
     out: Annotated[Path | None, typer.Option(help="Run folder; runs/NAME without it.")] = None,
     checkpoint: Annotated[Path | None, typer.Option(help="Folder for a second copy of the bundle.")] = None,
+    devices: Annotated[int, typer.Option(help="Processes that share each batch on this machine.", min=1)] = 1,
+    num_nodes: Annotated[
+        int,
+        typer.Option(help="Machines that train together; each needs MASTER_ADDR, MASTER_PORT and NODE_RANK.", min=1),
+    ] = 1,
     quiet: Quiet = False,
 ) -> None:
     """Train a predictor. A run that was killed goes on where it was when called again."""
     from aspnn.workflow import silent, train
 
-    folder = train(config, out, seed, checkpoint, quiet, silent if quiet else watch)
+    folder = train(config, out, seed, checkpoint, quiet, silent if quiet else watch, devices, num_nodes)
     say(quiet, f"checkpoint in {folder}")
+
+
+@app.command()
+def search(
+    config: Annotated[Path, typer.Argument(help="Training file (training/*.toml).", show_default=False)],
+    trials: Annotated[int, typer.Option(help="Trials to come to, those of earlier calls included.", min=1)],
+    processes: Annotated[int, typer.Option(help="Processes that share the trials.", min=1)] = 1,
+    out: Annotated[Path | None, typer.Option(help="Search folder; runs/NAME-search without it.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of what is tried.", min=0)] = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Search for better settings of a training file, by validation loss. A search that was stopped goes on when called again."""
+    from aspnn.learning.search import table
+    from aspnn.workflow import search_file, silent
+
+    try:
+        watched = silent if quiet else watch
+        found = search_file(config, trials, processes, out, seed, lambda line: say(quiet, line), watched)
+    except KeyboardInterrupt as stop:  # typer would end without a word
+        sys.stderr.write(f"stopped: {stop}\n" if str(stop) else "stopped\n")
+        raise typer.Exit(130) from None
+    say(quiet, table(found))
+    for path in (found.table, found.config):
+        say(quiet, f"written: {path}")
+
+
+@app.command()
+def calibrate(
+    checkpoint: Checkpoint,
+    logs: Logs,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for a calibrated copy; without it the checkpoint itself.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Calibrate the regions of a checkpoint on voyages that did not train it; its weights stay as they are."""
+    from aspnn.evaluation.calibrate import table
+    from aspnn.workflow import calibrate_files, silent
+
+    found = calibrate_files(checkpoint, logs, out, silent if quiet else watch)
+    say(quiet, table(found))
+    say(quiet, f"calibrated: {out or checkpoint}")
 
 
 @app.command()
@@ -237,7 +284,7 @@ def consistency(
 
 @app.command()
 def predict(
-    checkpoint: Checkpoint,
+    checkpoint: Annotated[Path, typer.Argument(help="Checkpoint folder or exported .onnx file.", show_default=False)],
     log: Annotated[Path, typer.Argument(help="Canonical log.", show_default=False)],
     at: Annotated[float, typer.Option("--at", help="Start of the prediction [s] from the start of the log.")],
     rudder: Annotated[
@@ -249,11 +296,41 @@ def predict(
         bool | None,
         typer.Option("--region-map/--exact", help="Path by the region-mapped pivot point, or by the exact step."),
     ] = None,
+    fan: Annotated[
+        str | None,
+        typer.Option(help="What if: rudder orders FROM:TO:STEP [deg], each held from now on, in place of --rudder."),
+    ] = None,
+    clear: Annotated[
+        str | None,
+        typer.Option(help="Which order of the fan keeps the hull off LAT,LON@METRES or FILE.geojson@METRES?"),
+    ] = None,
+    swept: Annotated[
+        bool, typer.Option("--swept", help="Add the area that the hull sweeps (a fan's GeoJSON always has it).")
+    ] = False,
 ) -> None:
-    """Predict the path from one instant of a log, if a rudder plan is followed."""
+    """Predict the path from one instant of a log, if a rudder plan (or each order of a fan) is followed."""
     from aspnn.workflow import predict_file
 
-    sys.stdout.write(predict_file(checkpoint, log, at, rudder, horizon, format.value, region_map))
+    text = predict_file(
+        *(checkpoint, log, at, rudder, horizon, format.value, region_map),
+        *(fan, clear, swept, lambda line: print(line, file=sys.stderr)),
+    )
+    sys.stdout.write(text)
+
+
+@app.command()
+def export(
+    checkpoint: Checkpoint,
+    onnx: Annotated[Path, typer.Option("--onnx", help="ONNX file to write.", show_default=False)],
+    quiet: Quiet = False,
+) -> None:
+    """Export a checkpoint as one ONNX file, which `predict` runs without torch."""
+    from aspnn.workflow import export_file
+
+    cases = export_file(checkpoint, onnx)
+    worst = max(case.difference for case in cases)
+    say(quiet, f"written: {onnx}, {onnx.stat().st_size / 1e3:.0f} kB")
+    say(quiet, f"within {worst:.1g} m/s of torch over {len(cases)} batch sizes and lengths")
 
 
 @app.command()

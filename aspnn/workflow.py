@@ -214,12 +214,17 @@ def train(
     checkpoint: str | Path | None = None,
     quiet: bool = False,
     watch: Watch = silent,
+    devices: int = 1,
+    nodes: int = 1,
 ) -> Path:
     """Train what a training file describes; returns the folder of the checkpoint bundle.
 
     `out` (default runs/NAME) gets the bundle in `checkpoint/`, curves and logs by network, and what a killed run needs to
     go on; the same call goes on. A run of other settings in `out` starts anew. `checkpoint` gets a copy of the bundle.
+    `devices` processes on each of `nodes` machines train together; only the first machine writes the bundle. With data.stream
+    windows lie in `windows/` of the run folder (`windows-N/` for machine N).
     """
+    from aspnn.learning import fit
     from aspnn.learning.card import model_card
     from aspnn.learning.checkpoint import write_bundle
     from aspnn.learning.train import train_bundle, training_material
@@ -228,11 +233,67 @@ def train(
     if seed is not None:
         training = training.model_copy(update={"fit": training.fit.model_copy(update={"seed": seed})})
     folder = Path(out) if out else Path("runs") / training.name
-    material = training_material(training, training_logs(training, watch))
-    bundle = train_bundle(training, material, folder, quiet)
+    node = fit.node_rank(nodes)
+    windows = folder / (f"windows-{node}" if node else "windows") if training.data.stream else None
+    material = training_material(training, training_logs(training, watch), windows)
+    bundle = train_bundle(training, material, folder, quiet, (devices, nodes))
+    if node:
+        return folder / "checkpoint"
     for place in (folder / "checkpoint", *([Path(checkpoint)] if checkpoint else [])):
         write_bundle(bundle, place, model_card(bundle))
     return folder / "checkpoint"
+
+
+def search_file(
+    config: str | Path,
+    trials: int,
+    processes: int = 1,
+    out: str | Path | None = None,
+    seed: int = 0,
+    tell: Callable[[str], None] = lambda line: None,
+    watch: Watch = silent,
+):
+    """Search the settings of a training file; returns the learning.search.Found. See learning.search.
+
+    `out` (default runs/NAME-search) gets trials.csv, best.toml and the journal; the same call goes on. Raises InputError.
+    """
+    from aspnn.learning.search import search
+
+    training = read_training(config)
+    folder = Path(out) if out else Path("runs") / f"{training.name}-search"
+    return search(training, training_logs, folder, trials, processes, seed, tell, watch)
+
+
+def calibrate_files(
+    checkpoint: str | Path,
+    logs: Sequence[str | Path],
+    out: str | Path | None = None,
+    watch: Watch = silent,
+):
+    """Calibrate the regions of a checkpoint on logs, in place or in a copy (`out`); returns the Calibration.
+
+    The weights stay as they are. Raises InputError for voyages that trained it, and for too few.
+    """
+    from aspnn.evaluation.calibrate import calibrate
+    from aspnn.evaluation.reference import Voyage
+    from aspnn.evaluation.windows import Rule
+    from aspnn.learning.card import model_card
+    from aspnn.learning.checkpoint import write_calibration
+    from aspnn.prediction.gru import GruPredictor
+
+    files = records.log_files(logs)
+    predictor = GruPredictor.load(checkpoint)
+    bundle = predictor.bundle
+
+    def voyages() -> Iterator[Voyage]:
+        for file in watch(files, "predicting", len(files)):
+            log = records.read_log(file)
+            yield Voyage.of(log, filter_log(log), smooth_log)
+
+    found = calibrate(predictor, voyages(), Rule.of(bundle.vessel), bundle.provenance["training_voyages"])
+    bundle = replace(bundle, calibration=found.to_dict())
+    write_calibration(bundle, checkpoint, out or checkpoint, model_card(bundle))
+    return found
 
 
 def evaluate_files(
@@ -290,6 +351,10 @@ def _leaks(bundle, names: set[str]) -> Iterator[str]:
     if taught:
         some = ", ".join(sorted(taught)[:3]) + (", ..." if len(taught) > 3 else "")
         yield f"{len(taught)} of {len(names)} voyages taught {bundle.name} ({some}); its errors on them say nothing of new ones"
+    measured = names & {*(bundle.calibration or {}).get("facts", {}).get("voyages", ())}
+    if measured:
+        some = ", ".join(sorted(measured)[:3]) + (", ..." if len(measured) > 3 else "")
+        yield f"{len(measured)} of {len(names)} voyages calibrated {bundle.name} ({some}); the coverage of its regions on them flatters it"
 
 
 def training_curves(checkpoints: Sequence[str | Path]) -> dict[str, pd.DataFrame]:
@@ -378,12 +443,27 @@ def predict_file(
     horizon: float | None,
     format: str,
     region_map: bool | None = None,
+    fan: str | None = None,
+    clear: str | None = None,
+    swept: bool = False,
+    tell: Callable[[str], None] = lambda line: None,
 ) -> str:
-    """The path predicted from `at` [s] of a log as text in `format` (json, geojson, csv). Raises InputError."""
-    from aspnn.prediction import writers
-    from aspnn.prediction.gru import GruPredictor
+    """The path predicted from `at` [s] of a log as text in `format` (json, geojson, csv). Raises InputError.
 
-    predictor = GruPredictor.load(checkpoint)
+    `fan` predicts many orders in place of one plan (FROM:TO:STEP in degrees), `clear` judges by what is to be cleared
+    (LAT,LON@METRES or FILE.geojson@METRES) and has `tell` say which order does; `swept` adds the swept area.
+    """
+    from aspnn.prediction import Predictor, writers
+    from aspnn.prediction import fan as fans
+
+    if fan is not None and rudder is not None:
+        raise InputError("--fan and --rudder exclude each other: a fan holds each of its orders; leave one of them out")
+    if clear is not None and fan is None:
+        raise InputError("--clear chooses among the orders of a fan; add --fan FROM:TO:STEP, such as --fan -35:35:5")
+    if swept and format == "csv":
+        raise InputError("--swept has no form in csv; use --format json or geojson")
+    orders = None if fan is None else fans.parse_fan(fan)
+    predictor = Predictor.load(checkpoint)
     if region_map is not None:
         predictor = replace(predictor, region_map=region_map)
     if horizon is not None and horizon > predictor.horizon:
@@ -395,14 +475,32 @@ def predict_file(
             f"{log}: --at {at:g} s is outside the log, which runs from {states['time_s'][0]:g} to {last:g} s"
         )
     now = states.until(at)
-    path = predictor.predict(now, None if rudder is None else parse_plan(rudder))
+    target = None if clear is None else fans.parse_clear(clear, now.zone)
+    plan = None if rudder is None else parse_plan(rudder)
+    path = predictor.predict(now, plan) if orders is None else fans.fan(predictor, now, orders)
     if horizon is not None:
         path = path.at(path.time[path.time <= horizon + 1e-9])
+    if orders is not None:
+        notes, chosen = fans.judged(path, orders, now, target, tell)
+        if format == "csv":
+            return writers.fan_csv(path, notes, now)
+        if format == "geojson":
+            return writers.fan_geojson(path, notes, now, predictor.name, chosen)
+        return writers.fan_json(path, notes, now, predictor.name, chosen, swept)
     if format == "csv":
         return writers.to_csv(path, now)
     if format == "geojson":
-        return writers.to_geojson(path, now, predictor.name)
-    return writers.to_json(path, now, predictor.name)
+        return writers.to_geojson(path, now, predictor.name, swept=swept)
+    return writers.to_json(path, now, predictor.name, swept)
+
+
+def export_file(checkpoint: str | Path, file: str | Path):
+    """Write a checkpoint as one ONNX file; returns the learning.export.Parity of each case. Raises InputError."""
+    try:
+        from aspnn.learning.export import export_onnx
+    except ModuleNotFoundError as error:
+        raise InputError(f"export: {error.name} is not installed; pip install aspnn[export]") from None
+    return export_onnx(checkpoint, file)
 
 
 def parse_plan(text: str) -> list[tuple[float, float]]:

@@ -10,8 +10,10 @@ import pandas as pd
 import pytest
 from safetensors.numpy import load_file
 
+import aspnn
 from aspnn import cli, records
 from aspnn.evaluation.windows import Rule
+from aspnn.frames import to_geodetic
 from aspnn.learning.windows import read_windows
 from tests.test_imports import modules_after
 
@@ -170,6 +172,43 @@ def test_predict_starts_where_the_states_are(place, log, capsys, format):
         assert {f["geometry"]["type"] for f in json.loads(text)["features"]} == {"LineString", "Polygon"}
 
 
+def test_predict_fans_out_and_chooses(place, log, capsys):
+    """One path per order in every format; the chosen order is the nearest to that in force of those that clear."""
+    words = ("predict", place / "run" / "checkpoint", log, "--at", 200, "--fan", "-20:20:10")
+    truth = records.read_truth(records.read_log(log))
+    ahead = truth.iloc[int(np.searchsorted(truth["time_s"], 260))]
+    zone = records.read_log(log).zone
+    mark = ",".join(f"{np.degrees(a):.7f}" for a in to_geodetic(ahead["north_m"], ahead["east_m"], zone))
+    assert run(*words) == (0, "")
+    found = json.loads(capsys.readouterr().out)
+    assert [entry["rudder_order_deg"] for entry in found["fan"]] == [-20, -10, 0, 10, 20]
+    assert "chosen" not in found
+    code, said = run(*words, "--clear", f"{mark}@40", "--format", "csv")
+    table = pd.read_csv(__import__("io").StringIO(capsys.readouterr().out))
+    assert (code, said.count("\n")) == (0, 1)
+    assert len(table) == 5 * 31
+    _, _ = run(*words, "--clear", f"{mark}@40", "--format", "geojson")
+    collection = json.loads(capsys.readouterr().out)
+    kinds = [f["properties"]["kind"] for f in collection["features"]]
+    assert kinds.count("swept area") == kinds.count("predicted path") == 5
+    chosen = collection["chosen"]
+    now = aspnn.filter_log(records.read_log(log)).until(200)
+    force = np.degrees(now["rudder_order_rad"][-1])
+    clear = (
+        table[table["clears"]] if table["clears"].any() else table[table["clearance_m"] == table["clearance_m"].max()]
+    )
+    near = clear["rudder_order_deg"].iloc[(clear["rudder_order_deg"] - force).abs().argmin()]
+    np.testing.assert_allclose(abs(chosen["rudder_order_deg"] - force), abs(near - force))
+    assert said.startswith(f"rudder {chosen['rudder_order_deg']:g} deg" if chosen["clears"] else "no order of the fan")
+
+
+@pytest.mark.parametrize("format", ["json", "geojson"])
+def test_predict_adds_the_swept_area(place, log, capsys, format):
+    words = ("predict", place / "run" / "checkpoint", log, "--at", 200, "--rudder", 10, "--swept", "--format", format)
+    assert run(*words) == (0, "")
+    assert "swept" in capsys.readouterr().out
+
+
 def test_region_map_is_one_argument(place, log, capsys):
     """The two ways to the path differ, and the region map reports only places of Paper V's table 4."""
     paths = []
@@ -218,6 +257,19 @@ def bad_inputs(place: Path, log: Path, tmp: Path):
         "rudder beyond the stops": ((*predict, "--at", 100, "--rudder", 40), "beyond the 35 deg stops"),
         "order beyond the horizon": ((*predict, "--at", 100, "--rudder", "5,10@95"), "beyond the horizon of 90 s"),
         "no number": ((*predict, "--at", 100, "--rudder", "hard"), "DEG or DEG@SECONDS"),
+        "fan and rudder": ((*predict, "--at", 100, "--rudder", 5, "--fan", "-5:5:5"), "--fan and --rudder exclude"),
+        "fan beyond the stops": (
+            (*predict, "--at", 100, "--fan", "-40:40:5"),
+            "-40 deg at 0 s is beyond the 35 deg stops",
+        ),
+        "no fan": ((*predict, "--at", 100, "--fan", "5"), "is not FROM:TO:STEP"),
+        "clear without fan": ((*predict, "--at", 100, "--clear", "69,18@50"), "add --fan FROM:TO:STEP"),
+        "clear without metres": (
+            (*predict, "--at", 100, "--fan", "-5:5:5", "--clear", "69,18"),
+            "is not LAT,LON@METRES",
+        ),
+        "clear without file": ((*predict, "--at", 100, "--fan", "-5:5:5", "--clear", "no.geojson@5"), "no such file"),
+        "swept csv": ((*predict, "--at", 100, "--swept", "--format", "csv"), "--swept has no form in csv"),
         "short history": ((*predict, "--at", 3, "--rudder", 5), "s of history at 3 s"),
         "outside the log": ((*predict, "--at", 999), "outside the log, which runs from 0 to"),
         "horizon too long": ((*predict, "--at", 100, "--horizon", 91), "beyond the 90 s"),

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, Protocol
@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from aspnn import records
+from aspnn.evaluation.coverage import calibrated, coverage, coverage_metrics, stacked
 from aspnn.evaluation.errors import Errors, Ratio, concatenate, paired_ratios, path_errors, summary
 from aspnn.evaluation.reference import Voyage
 from aspnn.evaluation.windows import GROUPS, MODEL_SHIP_LENGTH, NEW, ORDER, WITHIN, Rule, find_starts
@@ -192,7 +193,8 @@ def _at(path: Path, times: np.ndarray, where: str, begin: np.ndarray) -> Path:
 
 
 def _stack(paths: list[Path]) -> Path:
-    return replace(paths[0], **{name: np.concatenate([getattr(path, name) for path in paths]) for name in _FIELDS})
+    values = {name: np.concatenate([getattr(path, name) for path in paths]) for name in _FIELDS}
+    return replace(paths[0], spread=stacked(paths), **values)
 
 
 def sees_future(predictor: Predicts, states: States, rows: np.ndarray, plans: Sequence[Plan]) -> bool:
@@ -232,12 +234,14 @@ def ratios(evaluation: Evaluation, group: str, horizon: float, against: str) -> 
     return dict(zip(names, found, strict=True))
 
 
-def metrics(evaluation: Evaluation, coverage: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def metrics(evaluation: Evaluation) -> dict[str, Any]:
     """The content of metrics.json: metres and degrees by predictor, group and horizon [s].
 
-    `coverage` holds the share of true places inside the 95 % regions by predictor, group and horizon, where there are
-    regions. A group without windows has n = 0 and no horizons.
+    `coverage_95` holds the share of true places inside the 95 % regions by predictor, group and horizon, where there are
+    regions; `regions` that of headings too, two standard errors by a bootstrap over voyages, and the median sizes. A group
+    without windows has n = 0 and no horizons.
     """
+    shares, details = coverage_metrics(evaluation, GROUPS)
     predictors: dict[str, Any] = {}
     for name, errors in evaluation.errors.items():
         predictors[name] = {}
@@ -250,17 +254,18 @@ def metrics(evaluation: Evaluation, coverage: Mapping[str, Any] | None = None) -
             predictors[name][group] = {"n": len(rows), "horizons": horizons}
     return {
         "predictors": predictors,
-        "coverage_95": dict(coverage or {}),
+        "coverage_95": shares,
+        "regions": details,
         "windows": len(evaluation.windows),
         "data": list(evaluation.data),
         "seed": evaluation.seed,
     }
 
 
-def write_metrics(evaluation: Evaluation, path: str | FilePath, coverage: Mapping[str, Any] | None = None) -> None:
+def write_metrics(evaluation: Evaluation, path: str | FilePath) -> None:
     """Write metrics.json, whole or not at all."""
     with records.atomic(path) as temporary:
-        temporary.write_text(json.dumps(metrics(evaluation, coverage), indent=1, allow_nan=False) + "\n")
+        temporary.write_text(json.dumps(metrics(evaluation), indent=1, allow_nan=False) + "\n")
 
 
 def headline_groups(evaluation: Evaluation) -> list[str]:
@@ -292,7 +297,8 @@ def table(evaluation: Evaluation) -> "Table":
     caption += [f"{name} left out: {reason}" for name, reason in evaluation.left_out.items()]
     shown = Table(title=f"Errors after {horizon:g} s", caption="\n".join(caption), caption_justify="left")
     shown.add_column("predictor", no_wrap=True)
-    for name in ("position m", "heading deg", "ratio to best baseline"):
+    regions = ("95 % region holds", "its area m2") if calibrated(evaluation) else ()
+    for name in ("position m", "heading deg", "ratio to best baseline", *regions):
         shown.add_column(name, justify="right", no_wrap=True)
     scores = metrics(evaluation)["predictors"]
     for group in headline_groups(evaluation):
@@ -304,10 +310,12 @@ def table(evaluation: Evaluation) -> "Table":
         for name, groups in scores.items():
             at = groups[group]["horizons"][f"{horizon:g}"]
             place, turn = at["position_m"], at["heading_deg"]
+            held = coverage(evaluation, name, group, horizon)
             shown.add_row(
                 f"  {name}",
                 f"{metres(evaluation, place['median'])} / {metres(evaluation, place['p95'])}",
                 f"{turn['median_abs']:.2f} / {turn['p95_abs']:.2f}",
                 f"{shares[name].value:.3f}" if shares else "",
+                *(("",) * len(regions) if held is None else (str(held.position), f"{held.area:.3g}")),
             )
     return shown

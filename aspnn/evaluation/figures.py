@@ -40,7 +40,7 @@ def tracks_figure(case: Example, vessel: Vessel, file: str | FilePath, kinematic
     labels = _beside(case, vessel, baseline)
     sides = np.where(labels[1] < case.reference.at(case.hulls[1:]).east, "right", "left")
     for time, pivot, region, north, east, side in zip(
-        case.hulls[1:], main.pivot, main.region(vessel.length), *labels, sides, strict=True
+        case.hulls[1:], main.pivot, main.pivot_region(vessel.length), *labels, sides, strict=True
     ):
         where = "pivot undefined" if np.isnan(pivot) else f"pivot {pivot:+.0f} m, region {region:+.0f}"
         axes.annotate(f"{time:.0f} s\n{where}", (east, north), color="#57606a", fontsize=7.5, ha=side, va="center")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from aspnn.evaluation.coverage import LEVELS, coverage
 from aspnn.evaluation.evaluate import Evaluation, headline_groups
 from aspnn.evaluation.examples import INK, Example, colours
 from aspnn.motion import Path
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 FONT = {"family": "system-ui, -apple-system, 'Segoe UI', Helvetica, Arial, sans-serif", "size": 13, "color": INK}
 GRID = "#e8ebef"
+INKS = ("#1f6feb", "#f0883e", "#8250df", "#2a9d4a", "#bf3989", "#c9a227")
 HIDDEN = 4  # rank in the legend from which on a path is hidden at first
 WHISKERS = (5, 25, 50, 75, 95)  # percentiles of the boxplots
 FLOOR = 1e-3  # m or deg: smaller errors are drawn here, since logarithmic axes have no zero
@@ -77,7 +79,7 @@ def tracks(case: Example, vessel: Vessel, colour: Mapping[str, str]) -> "Figure"
         figure.add_scatter(
             x=(at.east + at.pivot * np.sin(at.heading))[inside], y=(at.north + at.pivot * np.cos(at.heading))[inside],
             mode="markers", marker={"symbol": "x-thin", "size": 8, "line": {"color": ink, "width": 2}}, showlegend=False,
-            customdata=np.column_stack([at.time, at.pivot, at.region(vessel.length)])[inside], name=name, **shared,
+            customdata=np.column_stack([at.time, at.pivot, at.pivot_region(vessel.length)])[inside], name=name, **shared,
             hovertemplate="%{customdata[0]:.0f} s: pivot point %{customdata[1]:.1f} m forward, region %{customdata[2]:+.0f}",
         )  # fmt: skip
 
@@ -121,7 +123,7 @@ def course_of(case: Example, vessel: Vessel, colour: Mapping[str, str]) -> "Figu
         place = np.where(np.abs(path.pivot) <= 0.8 * length, path.pivot, np.nan)
         figure.add_scatter(
             x=time, y=place, line={"color": ink, "width": 2}, name=name, legendgroup=name,
-            showlegend=name == case.reference_name, customdata=path.region(length),
+            showlegend=name == case.reference_name, customdata=path.pivot_region(length),
             hovertemplate="%{x:.0f} s: %{y:.1f} m, region %{customdata:+.0f}", row=3, col=1,
         )  # fmt: skip
     figure.add_scatter(x=[0], y=[0], opacity=0, showlegend=False, hoverinfo="skip", row=3, col=1, secondary_y=True)
@@ -204,17 +206,59 @@ def boxes(evaluation: Evaluation, group: str) -> "Figure":
     return figure
 
 
+def reliability(evaluation: Evaluation, name: str) -> "Figure":
+    """Reliability of a predictor's regions: the share they hold over the share they promise, by group, with two errors.
+
+    On the diagonal they are right, above it too wide, below it too narrow. Position above, heading below.
+    """
+    from plotly.subplots import make_subplots
+
+    groups = [
+        group for group in headline_groups(evaluation) if coverage(evaluation, name, group, evaluation.rule.horizon)
+    ]
+    figure = make_subplots(
+        rows=2, cols=len(groups), shared_xaxes=True, shared_yaxes=True, subplot_titles=groups,
+        vertical_spacing=0.05, horizontal_spacing=0.03,
+    )  # fmt: skip
+    some = evaluation.rule.horizons[1::2] or evaluation.rule.horizons
+    for col, group in enumerate(groups, 1):
+        for row, what in ((1, "position"), (2, "heading")):
+            figure.add_scatter(
+                x=[0.45, 1], y=[0.45, 1], mode="lines", line={"color": INK, "width": 1, "dash": "dot"}, name="right",
+                hoverinfo="skip", legendgroup="right", showlegend=(row, col) == (1, 1), row=row, col=col,
+            )  # fmt: skip
+            for number, horizon in enumerate(some):
+                found = [coverage(evaluation, name, group, horizon, level) for level in LEVELS]
+                shares = [(level, getattr(c, what)) for level, c in zip(LEVELS, found, strict=True) if c is not None]
+                figure.add_scatter(
+                    # Set apart a little, so that the errors of three horizons do not hide each other.
+                    x=[level + 0.004 * (number - (len(some) - 1) / 2) for level, _ in shares],
+                    y=[s.value for _, s in shares], mode="lines+markers", name=f"{horizon:g} s",
+                    error_y={"array": [s.two_errors for _, s in shares], "thickness": 1, "width": 2},
+                    line={"color": INKS[number % len(INKS)], "width": 1.5}, marker={"size": 5},
+                    customdata=[level for level, _ in shares],
+                    legendgroup=f"{horizon:g}", showlegend=(row, col) == (1, 1), row=row, col=col,
+                    hovertemplate=f"{horizon:g} s: %{{customdata:.0%}} promised, %{{y:.1%}} held<extra></extra>",
+                )  # fmt: skip
+    dress(figure, 760, legend_y=-0.08)
+    figure.update_xaxes(range=[0.45, 1.02], tickformat=".0%", dtick=0.1)
+    figure.update_xaxes(title_text="share promised", row=2)
+    figure.update_yaxes(range=[0.4, 1.04], tickformat=".0%", dtick=0.1)
+    for row, what in ((1, "position"), (2, "heading")):
+        figure.update_yaxes(title_text=f"share held, {what}", row=row, col=1)
+    return figure
+
+
 def training(curves: Mapping[str, pd.DataFrame]) -> "Figure":
     """Training curves: every column with `loss` in its name against the epoch (or the step where there is no epoch)."""
     import plotly.graph_objects as go
 
     figure = go.Figure()
-    inks = ("#1f6feb", "#f0883e", "#8250df", "#2a9d4a", "#bf3989", "#c9a227")
     lines = [(run, column) for run, table in curves.items() for column in table.columns if "loss" in column]
     for number, (run, column) in enumerate(lines):
         table = curves[run].dropna(subset=[column])
         over = "epoch" if "epoch" in table else "step"
-        ink = inks[number % len(inks)]
+        ink = INKS[number % len(INKS)]
         figure.add_scatter(x=table[over], y=table[column], name=f"{run}: {column}", mode="lines", line={"color": ink})
     dress(figure, 380, xaxis_title_text="epoch", yaxis_title_text="loss", yaxis_type="log", yaxis_dtick="D2")
     return figure

@@ -10,6 +10,7 @@ import pandas as pd
 
 from aspnn import records
 from aspnn.evaluation import plots
+from aspnn.evaluation.coverage import calibrated, coverage
 from aspnn.evaluation.evaluate import (
     BASELINES,
     ORACLE,
@@ -79,6 +80,7 @@ def render(evaluation: Evaluation, curves: Mapping[str, pd.DataFrame], notes: Ma
         growth=embed(plots.growth(evaluation), "growth"),
         boxes=[(group, TITLES[group], embed(plots.boxes(evaluation, group), f"boxes-{group}")) for group in groups],
         training=embed(plots.training(curves), "training") if curves else "",
+        regions=[_regions(evaluation, name, groups) for name in calibrated(evaluation)],
         details=[_details(evaluation, group) for group in groups],
         definitions=definitions(evaluation.rule),
         left_out=evaluation.left_out,
@@ -129,6 +131,20 @@ def _headline(evaluation: Evaluation, group: str) -> dict[str, Any]:
         "against": [f"to {name}" + (" (best baseline)" if name in BASELINES else "") for name in against],
         "rows": rows,
     }
+
+
+def _regions(evaluation: Evaluation, name: str, groups: list[str]) -> dict[str, Any]:
+    """The 95 % regions of a predictor: coverage and size by group and horizon, and the reliability diagram."""
+    lines = []
+    for group in groups:
+        for horizon in evaluation.rule.horizons:
+            found = coverage(evaluation, name, group, horizon)
+            if found is not None:
+                sizes = [f"{found.area:.3g}", f"{np.degrees(found.width):.3g}", f"{found.outside:.1%}"]
+                cells = [str(found.position), str(found.heading), *sizes]
+                lines.append((group, f"{horizon:g}", found.position.windows, cells))
+    figure = embed(plots.reliability(evaluation, name), f"reliability-{name}") if lines else ""
+    return {"name": name, "lines": lines, "figure": figure}
 
 
 def _details(evaluation: Evaluation, group: str) -> dict[str, Any]:

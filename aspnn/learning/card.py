@@ -22,6 +22,10 @@ def model_card(bundle: Bundle) -> str:
         "training": f"{training['fit']['epochs']} epochs of batches of {training['fit']['batch']}, seed {training['fit']['seed']}",
         "made by": f"`aspnn train training/{bundle.name}.toml`, aspnn {facts['aspnn']}, torch {facts['torch']}",
     }
+    if bundle.calibration is not None:
+        counts = bundle.calibration["facts"]["populations"]
+        of = ", ".join(f"{name} {count['windows']}" for name, count in counts.items())
+        rows["regions"] = f"calibrated on {len(bundle.calibration['facts']['voyages'])} other voyages; windows {of}"
     source = training["data"]["scenario"] or ", ".join(training["data"]["logs"])
     rows["trained on"] = f"{source}: {rows['trained on']}"
     table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())

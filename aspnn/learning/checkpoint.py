@@ -5,6 +5,8 @@ vessel and the training domain; and where it came from.
 """
 
 import json
+import re
+import shutil
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import nn
 
+from aspnn.learning.identified import HybridGru, HybridSizes, IdentifiedShip, IdentifiedSizes
 from aspnn.learning.network import RolloutEnsemble, RolloutGru, RolloutSizes, ThesisGru, ThesisSizes
 from aspnn.learning.windows import WindowSpec
 from aspnn.records import atomic, sha256
@@ -25,6 +28,8 @@ KINDS: dict[str, tuple[type, type]] = {
     "rollout": (RolloutGru, RolloutSizes),
     "ensemble": (RolloutEnsemble, RolloutSizes),
     "thesis": (ThesisGru, ThesisSizes),
+    "identified": (IdentifiedShip, IdentifiedSizes),
+    "hybrid": (HybridGru, HybridSizes),
 }
 
 
@@ -39,10 +44,11 @@ class Bundle:
     region_map: bool  # whether the region-mapped pivot point or the exact step makes the path by default
     domain: dict[str, list[float]] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
+    calibration: dict[str, Any] | None = None  # of `aspnn calibrate`: see prediction.uncertainty
 
 
 def build(kind: str, sizes: dict[str, Any]) -> nn.Module:
-    """A network of a kind (`rollout`, `ensemble`, `thesis`) from the plain data of its sizes. Raises InputError."""
+    """A network of a kind (one of KINDS) from the plain data of its sizes. Raises InputError."""
     if kind not in KINDS:
         raise InputError(f"network kind {kind} is not known; choose among {', '.join(KINDS)}")
     module, size = KINDS[kind]
@@ -57,6 +63,24 @@ def write_bundle(bundle: Bundle, folder: str | Path, card: str) -> None:
         save_file({k: v.contiguous() for k, v in bundle.network.state_dict().items()}, temporary)
     with atomic(folder / "MODEL_CARD.md") as temporary:
         temporary.write_text(card)
+    _write_config(folder, _config(bundle, kind, sha256(folder / "model.safetensors")))
+
+
+def write_calibration(bundle: Bundle, source: str | Path, folder: str | Path, card: str) -> None:
+    """Write the calibration of `bundle`, read from `source`, into it, or (another `folder`) into a copy of it.
+
+    The weights are those of `source`, byte by byte; each file is whole or absent, the config comes last.
+    """
+    source, folder = Path(source), Path(folder)
+    if folder.resolve() != source.resolve():
+        with atomic(folder / "model.safetensors") as temporary:
+            shutil.copyfile(source / "model.safetensors", temporary)
+    with atomic(folder / "MODEL_CARD.md") as temporary:
+        temporary.write_text(card)
+    _write_config(folder, json.loads((source / "config.json").read_text()) | {"calibration": bundle.calibration})
+
+
+def _config(bundle: Bundle, kind: str, digest: str) -> dict[str, Any]:
     config = {
         "format": FORMAT,
         "name": bundle.name,
@@ -67,10 +91,17 @@ def write_bundle(bundle: Bundle, folder: str | Path, card: str) -> None:
         "domain": bundle.domain,
         "vessel": bundle.vessel.to_dict(),
         "provenance": bundle.provenance,
-        "model_sha256": sha256(folder / "model.safetensors"),
+        "model_sha256": digest,
     }
+    return config if bundle.calibration is None else config | {"calibration": bundle.calibration}
+
+
+def _write_config(folder: Path, config: dict[str, Any]) -> None:
+    text = json.dumps(config, indent=1)
+    # A row of numbers stands on one line: a calibration has hundreds of them.
+    text = re.sub(r"\[[-+.\deE,\snul]+\]", lambda row: re.sub(r"\s+", " ", row[0]), text)
     with atomic(folder / "config.json") as temporary:
-        temporary.write_text(json.dumps(config, indent=1) + "\n")
+        temporary.write_text(text + "\n")
 
 
 def read_bundle(folder: str | Path) -> Bundle:
@@ -109,6 +140,7 @@ def read_bundle(folder: str | Path) -> Bundle:
             region_map=config["region_map"],
             domain=config["domain"],
             provenance=config["provenance"],
+            calibration=config.get("calibration"),
         )
     except (KeyError, TypeError, RuntimeError, SafetensorError) as error:
         raise InputError(

@@ -4,8 +4,9 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,10 @@ import torch
 
 from aspnn import __version__, records
 from aspnn.estimation import filter_log, smooth_log
-from aspnn.learning import fit
+from aspnn.learning import fit, stream
 from aspnn.learning.checkpoint import Bundle
-from aspnn.learning.config import RolloutNet, ThesisNet, Training
+from aspnn.learning.config import HybridNet, IdentifiedNet, RolloutNet, ThesisNet, Training
+from aspnn.learning.identified import LIMIT, HybridGru, HybridSizes, IdentifiedShip, IdentifiedSizes
 from aspnn.learning.network import RolloutEnsemble, RolloutGru, RolloutSizes, ThesisGru, ThesisSizes, flat_range
 from aspnn.learning.windows import Windows, concatenate, make_windows, starts
 from aspnn.records import Log
@@ -35,13 +37,19 @@ class Material:
     facts: dict[str, Any]
 
 
-def training_material(training: Training, logs: Iterable[Log]) -> Material:
+def training_material(
+    training: Training, logs: Iterable[Log], folder: Path | None = None, judge: Training | None = None
+) -> Material:
     """Training and validation windows and where they came from; the last voyages validate, a voyage is never split.
 
+    With a `folder`, windows are in its files and are read from there as they are used; without, in memory. Validation
+    windows start where `judge` has them start (a search compares trials on the same starts), or as the training ones do.
     Raises InputError when a voyage is of another vessel, or when there are fewer windows than asked for.
     """
     spec, sampling = training.windows.spec(), training.windows.sampling()
-    parts: dict[str, list[Windows]] = {}
+    starting = [(spec, sampling)] + ([] if judge is None else [(judge.windows.spec(), judge.windows.sampling())])
+    store = None if folder is None else stream.Store(folder / "parts")
+    parts: list[dict[str, list]] = [{} for _ in starting]  # by voyage: windows, or the files that hold them
     digest = hashlib.sha256()
     vessel = None
     for log in logs:
@@ -52,14 +60,17 @@ def training_material(training: Training, logs: Iterable[Log]) -> Material:
             )
         digest.update(pd.util.hash_pandas_object(log.table, index=False).to_numpy().tobytes())
         filtered, smoothed = filter_log(log), smooth_log(log)
-        rows = starts(filtered, spec, sampling)
-        if len(rows):
-            parts.setdefault(log.voyage, []).append(make_windows(filtered, smoothed, spec, rows))
-    if vessel is None or not parts:
+        for by_voyage, where in zip(parts, starting, strict=True):
+            rows = starts(filtered, *where)
+            if len(rows):
+                windows = make_windows(filtered, smoothed, spec, rows)
+                by_voyage.setdefault(log.voyage, []).append(windows if store is None else store.add(windows))
+    teaching, judging = parts[0], parts[-1]
+    if vessel is None or not judging:
         raise InputError(
             f"training {training.name}: no voyage has a window; it needs {spec.history:g} s before and {spec.horizon:g} s after its start"
         )
-    names = list(parts)
+    names = list(judging)
     held = training.data.validation_voyages
     if held >= len(names):
         raise InputError(
@@ -67,8 +78,10 @@ def training_material(training: Training, logs: Iterable[Log]) -> Material:
         )
     cut = len(names) - held
     limits = training.windows.train, training.windows.validation
-    windows = _chosen(training, parts, names[:cut], limits[0], "train")
-    validation = _chosen(training, parts, names[cut:], limits[1], "validation") if held else None
+    windows = _chosen(training, teaching, names[:cut], limits[0], "train", folder)
+    validation = _chosen(training, judging, names[cut:], limits[1], "validation", folder) if held else None
+    if store is not None:
+        store.clear()
     facts = {
         "data_sha256": digest.hexdigest(),
         "training_voyages": names[:cut],
@@ -80,10 +93,11 @@ def training_material(training: Training, logs: Iterable[Log]) -> Material:
 
 
 def _chosen(
-    training: Training, parts: dict[str, list[Windows]], names: list[str], limit: int | None, what: str
+    training: Training, parts: dict[str, list], names: list[str], limit: int | None, what: str, folder: Path | None
 ) -> Windows:
-    """The windows of some voyages, the first `limit` of them. Raises InputError when there are fewer."""
-    windows = concatenate([part for name in names for part in parts[name]])
+    """The windows of some voyages, the first `limit` of them, in `folder` or in memory. Raises InputError when there are fewer."""
+    found: Sequence = [part for name in names for part in parts.get(name, [])]
+    windows = concatenate(found) if folder is None else stream.join(found, folder / f"{what}.safetensors", limit)
     if limit is None:
         return windows
     if len(windows) < limit:
@@ -91,36 +105,63 @@ def _chosen(
             f"training {training.name}: windows.{what} asks for {limit} windows, {len(names)} voyages have {len(windows)}; "
             "add voyages"
         )
-    return windows.select(np.arange(limit))
+    return windows.select(np.arange(limit)) if folder is None else windows
 
 
-def train_bundle(training: Training, material: Material, folder: Path, quiet: bool = False) -> Bundle:
-    """Train the network of a training file on its material. `folder` gets curves, logs and what a killed run needs."""
-    _start_run(folder, training, material.facts)
-    settings = fit.FitSettings(**training.fit.model_dump())
+def train_bundle(
+    training: Training,
+    material: Material,
+    folder: Path,
+    quiet: bool = False,
+    shared: tuple[int, int] = (1, 1),
+    hear: fit.Hear | None = None,
+) -> Bundle:
+    """Train the network of a training file on its material. `folder` gets curves, logs and what a killed run needs.
+
+    `shared` are the devices on each node and the nodes that train together; `hear` as in fit.fit.
+    """
+    if fit.node_rank(shared[1]) == 0:
+        _start_run(folder, training, material.facts)
+    else:
+        _await_run(folder, training, material.facts)
+    settings = fit.FitSettings(**training.fit.model_dump(), devices=shared[0], nodes=shared[1])
     windows, net = material.train, training.network
-    network: ThesisGru | RolloutGru | RolloutEnsemble
+    network: ThesisGru | RolloutGru | RolloutEnsemble | IdentifiedShip | HybridGru
     if isinstance(net, ThesisNet):
         torch.manual_seed(settings.seed)
         network = _thesis(net, windows)
         for which, name in enumerate(windows.spec.targets):
             loss, title = fit.thesis_loss(which), f"training {name}"
-            fit.fit(network, loss, windows, material.validation, settings, folder / name, title, quiet)
+            fit.fit(network, loss, windows, material.validation, settings, folder / name, title, quiet, hear)
     else:
         start, growth = net.heading_tolerance_deg
         heading = math.radians(start), math.radians(growth)
         loss = fit.path_loss(fit.Tolerance(net.position_tolerance_m, heading, net.velocity_tolerance_m_s))
-        members = []
-        for k in range(net.members):
-            own = replace(settings, seed=settings.seed + k)
-            torch.manual_seed(own.seed)
-            members.append(_rollout(net, windows, material.vessel))
-            name = "rollout" if k == 0 else f"rollout-{k + 1}"
-            fit.fit(members[k], loss, windows, material.validation, own, folder / name, f"training {name}", quiet)
-        network = members[0]
-        if net.members > 1:
-            network = RolloutEnsemble(members[0].sizes)
-            network.members = torch.nn.ModuleList(members)
+        if isinstance(net, IdentifiedNet | HybridNet):
+            network = ship = identify(net, windows, material.vessel)
+            # The ship of a hybrid is trained alone before, at the same pace.
+            own = settings if isinstance(net, IdentifiedNet) else replace(settings, epochs=net.ship_epochs)
+            place, title = folder / "identified", "training identified ship"
+            fit.fit(ship, loss, windows, material.validation, own, place, title, quiet, hear)
+            if isinstance(net, HybridNet):
+                torch.manual_seed(settings.seed)
+                network = _hybrid(net, windows, ship)
+                place, title = folder / "hybrid", "training hybrid"
+                fit.fit(network, loss, windows, material.validation, settings, place, title, quiet, hear)
+        else:
+            members = []
+            for k in range(net.members):
+                own = replace(settings, seed=settings.seed + k)
+                torch.manual_seed(own.seed)
+                members.append(_rollout(net, windows, material.vessel))
+                name = "rollout" if k == 0 else f"rollout-{k + 1}"
+                fit.fit(
+                    members[k], loss, windows, material.validation, own, folder / name, f"training {name}", quiet, hear
+                )
+            network = members[0]
+            if net.members > 1:
+                network = RolloutEnsemble(members[0].sizes)
+                network.members = torch.nn.ModuleList(members)
     return Bundle(
         name=training.name,
         network=network,
@@ -128,7 +169,7 @@ def train_bundle(training: Training, material: Material, folder: Path, quiet: bo
         vessel=replace(material.vessel, simulator={}),  # the simulator's secrets are not the predictor's
         region_map=isinstance(net, ThesisNet),
         domain=_domain(windows),
-        provenance={"aspnn": __version__, "torch": torch.__version__, "training": _plain(training), **material.facts},
+        provenance={"aspnn": __version__, "torch": torch.__version__, "training": plain(training), **material.facts},
     )
 
 
@@ -136,51 +177,114 @@ def _thesis(net: ThesisNet, windows: Windows) -> ThesisGru:
     """Paper V's networks, scaled by the extremes of the training windows, the rudder by 45 degrees (Paper V 20)."""
     spec = windows.spec
     network = ThesisGru(ThesisSizes(len(spec.inputs), spec.horizon_steps, net.latent, net.dense))
-    low, high = flat_range(torch.from_numpy(windows.history))
+    low, high = flat_range(fit.tensor(windows.history))
     if "rudder_order" in spec.inputs:
         rudder, limit = spec.inputs.index("rudder_order"), math.radians(net.rudder_limit_deg)
         low[rudder], high[rudder] = -limit, limit
     network.history.set(low, high)
-    network.target.set(*flat_range(torch.from_numpy(windows.target)))
+    network.target.set(*flat_range(fit.tensor(windows.target)))
     return network
 
 
 def _rollout(net: RolloutNet, windows: Windows, vessel: Vessel) -> RolloutGru:
     """The roll-out GRU, scaled by two standard deviations of the training windows. Raises InputError."""
     spec = windows.spec
-    missing = [name for name in spec.targets if name not in spec.inputs]
-    if missing:
-        raise InputError(f"windows.inputs: {missing[0]} is missing; the roll-out starts from it")
-    surge, bow_sway, stern_sway = (spec.inputs.index(name) for name in spec.targets)
-    now = surge, bow_sway, stern_sway
+    now = _now(windows)
     bow, stern = vessel.sway_stations
     sizes = RolloutSizes(
         len(spec.inputs), len(spec.forcings), now, bow, stern, spec.period, net.wind, net.latent, net.members
     )
     network = RolloutGru(sizes)
-    history, forcing, target, wind = (
-        torch.from_numpy(getattr(windows, n)) for n in ("history", "forcing", "target", "wind")
-    )
+    history, forcing, wind = (fit.tensor(getattr(windows, n)) for n in ("history", "forcing", "wind"))
     network.history.set(*flat_range(history, 2.0))
     network.forcing.set(*flat_range(forcing, 2.0))
-    network.motion.set(*flat_range(network.to_motion(target), 2.0))
+    network.motion.set(*flat_range(stream.mapped_motion(network.to_motion, windows.target), 2.0))
     network.wind.set(*flat_range(wind, 2.0))
     return network
 
 
-def _plain(training: Training) -> dict[str, Any]:
-    """The training file as plain data, without the place it lies in."""
-    return json.loads(training.model_dump_json(exclude={"folder"}))
+def _now(windows: Windows) -> tuple[int, int, int]:
+    """The places of surge, bow sway and stern sway among the inputs. Raises InputError."""
+    spec = windows.spec
+    missing = [name for name in spec.targets if name not in spec.inputs]
+    if missing:
+        raise InputError(f"windows.inputs: {missing[0]} is missing; the roll-out starts from it")
+    surge, bow_sway, stern_sway = (spec.inputs.index(name) for name in spec.targets)
+    return surge, bow_sway, stern_sway
+
+
+def identify(net: IdentifiedNet | HybridNet, windows: Windows, vessel: Vessel) -> IdentifiedShip:
+    """The identified ship by ridge regression on the training windows. Raises InputError."""
+    spec, now = windows.spec, _now(windows)
+    driven = tuple(name for name in ("rudder_angle", "shaft_speed") if name in spec.forcings)
+    if "rudder_angle" not in driven:
+        raise InputError("windows.forcings: rudder_angle is missing; a ship is identified by what its rudder does")
+    missing = [name for name in driven if name not in spec.inputs]
+    if missing:
+        raise InputError(
+            f"windows.inputs: {missing[0]} is missing; the identified ship sails through the history by it"
+        )
+    bow, stern = vessel.sway_stations
+    forcing, seen = (tuple(names.index(name) for name in driven) for names in (spec.forcings, spec.inputs))
+    ship = IdentifiedShip(IdentifiedSizes(forcing, seen, now, bow, stern, spec.period, net.wind))
+    target, forced, wind, turn = (
+        fit.tensor(array) for array in (windows.target, windows.forcing, windows.wind, windows.path[..., 2])
+    )
+    ship.regress(target, forced, wind, turn, net.ridge)
+    ship.settle(*(fit.tensor(array) for array in (windows.history, windows.target, windows.wind)))
+    some = slice(None, None, max(1, len(windows) // 1000))
+    with torch.inference_mode():
+        found = ship(*(fit.tensor(array[some]) for array in (windows.history, windows.forcing, windows.wind)))
+    if not (ship.to_motion(found).abs() < LIMIT).all():
+        raise InputError(
+            f"network.ridge: with {net.ridge:g} the identified ship runs away within {spec.horizon:g} s; raise it tenfold"
+        )
+    return ship
+
+
+def _hybrid(net: HybridNet, windows: Windows, ship: IdentifiedShip) -> HybridGru:
+    """The hybrid about a trained ship, scaled by two standard deviations of the training windows."""
+    spec = windows.spec
+    network = HybridGru(HybridSizes(len(spec.inputs), len(spec.forcings), **asdict(ship.sizes), latent=net.latent))
+    network.ship.load_state_dict(ship.state_dict())
+    history, forcing, wind = (fit.tensor(getattr(windows, n)) for n in ("history", "forcing", "wind"))
+    network.history.set(*flat_range(history, 2.0))
+    network.forcing.set(*flat_range(forcing, 2.0))
+    network.motion.set(*flat_range(stream.mapped_motion(ship.to_motion, windows.target), 2.0))
+    network.wind.set(*flat_range(wind, 2.0))
+    return network
+
+
+def plain(training: Training) -> dict[str, Any]:
+    """The training file as plain data: what decides the weights, not where the file and the windows lie."""
+    return json.loads(training.model_dump_json(exclude={"folder": True, "search": True, "data": {"stream"}}))
+
+
+def _run(training: Training, facts: dict[str, Any]) -> str:
+    """What a run folder is of."""
+    return json.dumps({"training": plain(training), "data": facts["data_sha256"]}, indent=1)
+
+
+def _await_run(folder: Path, training: Training, facts: dict[str, Any]) -> None:
+    """Wait until the first node has begun this run in `folder`, which the nodes share. Raises InputError after ten minutes."""
+    note, run = folder / "run.json", _run(training, facts)
+    for _ in range(3000):
+        if note.exists() and note.read_text() == run:
+            return
+        time.sleep(0.2)
+    raise InputError(
+        f"{folder}: node 0 has not begun this training here; nodes need one run folder, training file and logs"
+    )
 
 
 def _start_run(folder: Path, training: Training, facts: dict[str, Any]) -> None:
     """Keep `folder` if it holds the same run, to be resumed; clear what training wrote there if it holds another."""
-    run = json.dumps({"training": _plain(training), "data": facts["data_sha256"]}, indent=1)
+    run = _run(training, facts)
     note = folder / "run.json"
     if note.exists() and note.read_text() != run:
         for old in (
             *folder.glob("rollout*"),
-            *(folder / name for name in ("checkpoint", "surge", "sway_bow", "sway_stern")),
+            *(folder / name for name in ("checkpoint", "surge", "sway_bow", "sway_stern", "identified", "hybrid")),
         ):
             shutil.rmtree(old, ignore_errors=True)
     with records.atomic(note) as temporary:

@@ -175,13 +175,11 @@ def start_wind(states: States, rows: np.ndarray) -> np.ndarray:
 
     Zero where wind is not measured: the predictor then knows of none.
     """
-    air = np.stack([features.FEATURES["wind_forward"](states), features.FEATURES["wind_starboard"](states)], -1)
-    # The vector mean is taken in earth axes, then turned to the heading at the start.
-    heading = states["heading_rad"]
-    earth = np.nan_to_num((air[:, 0] + 1j * air[:, 1]) * np.exp(1j * heading))
-    total = np.concatenate([[0], np.cumsum(earth)])
-    first = np.searchsorted(states["time_s"], states["time_s"][rows] - WIND_MEMORY)
-    mean = (total[rows + 1] - total[first]) / (rows + 1 - first) * np.exp(-1j * heading[rows])
+    # The vector mean is taken in earth axes, then turned to the heading at the start; air moves away from where it comes.
+    earth = np.nan_to_num(-states["wind_speed_true_m_s"] * np.exp(1j * states["wind_from_grid_rad"]))
+    total, time = np.concatenate([[0], np.cumsum(earth)]), states["time_s"]
+    first = np.searchsorted(time, time[rows] - WIND_MEMORY)
+    mean = (total[rows + 1] - total[first]) / (rows + 1 - first) * np.exp(-1j * states["heading_rad"][rows])
     return np.stack([mean.real, mean.imag], -1)
 
 

@@ -2,9 +2,12 @@
 
 from aspnn.motion.path import Path, integrate, paper_v_path, pivot_path, region_map_path
 from aspnn.motion.pivot import pivot_point, pivot_point_sd, region_of, region_pivot, two_station_motion
+from aspnn.motion.spread import Region, Spread
 
 __all__ = [
     "Path",
+    "Region",
+    "Spread",
     "integrate",
     "paper_v_path",
     "pivot_path",

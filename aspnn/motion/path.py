@@ -6,6 +6,8 @@ import numpy as np
 
 from aspnn.frames import to_north_east
 from aspnn.motion.pivot import pivot_point, region_of, region_pivot, two_station_motion
+from aspnn.motion.spread import Region, Spread, region
+from aspnn.schema import InputError
 
 
 @dataclass(frozen=True)
@@ -13,7 +15,8 @@ class Path:
     """A predicted (or true) motion of midship: arrays of shape (..., steps), the first step is the start.
 
     `time` [s] from the start; `north`, `east` [m]; `heading` [rad] from grid north, continuous; `surge`, `sway` at
-    midship [m/s] over ground, `yaw_rate` [rad/s]; `pivot` [m] forward of midship, NaN where undefined.
+    midship [m/s] over ground, `yaw_rate` [rad/s]; `pivot` [m] forward of midship, NaN where undefined. `spread` tells how
+    sure it is, where its predictor was calibrated.
     """
 
     time: np.ndarray
@@ -25,6 +28,7 @@ class Path:
     yaw_rate: np.ndarray
     pivot: np.ndarray
     convergence: np.ndarray | float = 0.0  # rad, shape (...)
+    spread: Spread | None = None
 
     @property
     def true_heading(self) -> np.ndarray:
@@ -35,7 +39,18 @@ class Path:
         """Sway [m/s] at station `x` [m] forward of midship: v + r x."""
         return self.sway + self.yaw_rate * x
 
-    def region(self, length: float) -> np.ndarray:
+    def region(self, level: float = 0.95) -> Region:
+        """Ellipse of the position and interval of the heading that hold the ship with a share `level`, each by itself.
+
+        Raises InputError where the predictor was not calibrated, or not for this level.
+        """
+        if self.spread is None:
+            raise InputError(
+                "this path has no regions; calibrate its checkpoint with `aspnn calibrate CHECKPOINT LOG...`"
+            )
+        return region(self.north, self.east, self.spread, level)
+
+    def pivot_region(self, length: float) -> np.ndarray:
         """Region -7 to 7 of the pivot point (Paper V, table 4) for a ship of `length` [m]."""
         return region_of(self.pivot, length)
 
@@ -56,14 +71,17 @@ class Path:
 
         nearest = np.where(inside, self.pivot[..., np.where(part > 0.5, lower + 1, lower)], np.nan)
         names = ("north", "east", "heading", "surge", "sway", "yaw_rate")
-        return replace(self, time=time, pivot=nearest, **{name: between(getattr(self, name)) for name in names})
+        values = {name: between(getattr(self, name)) for name in names}
+        spread = None if self.spread is None else self.spread.between(lower, np.where(inside, part, np.nan))
+        return replace(self, time=time, pivot=nearest, spread=spread, **values)
 
     def __getitem__(self, index) -> "Path":
         """One path (or some) of a batch."""
         names = ("north", "east", "heading", "surge", "sway", "yaw_rate", "pivot")
         values = {name: getattr(self, name)[index] for name in names}
         gamma = np.asarray(self.convergence, float)
-        return replace(self, **values, convergence=gamma[index] if gamma.ndim else float(gamma))
+        spread = None if self.spread is None else self.spread[index]
+        return replace(self, **values, convergence=gamma[index] if gamma.ndim else float(gamma), spread=spread)
 
     def outline(self, hull: np.ndarray) -> np.ndarray:
         """Hull outlines (..., steps, n, 2) as north, east [m] from a body outline (n, 2)."""

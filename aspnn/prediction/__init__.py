@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path as FilePath
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -11,6 +11,10 @@ from aspnn.orders import Plan
 from aspnn.prediction.kinematic import KinematicPredictor, baselines, caa_cmm, caa_ctra, constant
 from aspnn.prediction.plan import Orderable, make_plan
 from aspnn.records import States
+
+if TYPE_CHECKING:
+    from aspnn.prediction.gru import GruPredictor
+    from aspnn.prediction.onnx import OnnxPredictor
 
 __all__ = ["KinematicPredictor", "Predictor", "baselines", "caa_cmm", "caa_ctra", "constant", "make_plan"]
 
@@ -33,8 +37,12 @@ class Predictor(Protocol):
         ...
 
     @staticmethod
-    def load(folder: str | FilePath) -> "Predictor":
-        """The predictor of a checkpoint folder."""
+    def load(checkpoint: str | FilePath) -> "GruPredictor | OnnxPredictor":
+        """The predictor of a checkpoint folder, or (by its ending) of an exported .onnx file, which takes no torch."""
+        if FilePath(checkpoint).suffix == ".onnx":
+            from aspnn.prediction.onnx import OnnxPredictor
+
+            return OnnxPredictor.load(checkpoint)
         from aspnn.prediction.gru import GruPredictor
 
-        return GruPredictor.load(folder)
+        return GruPredictor.load(checkpoint)

@@ -2,31 +2,22 @@
 
 A network that learned in still water knows motion through the water. Seen from the water, a steady uniform current c leaves it
 right: velocities through the water are those over ground less c, and the ground path is the water path plus c t. So c is what
-makes the network's own paths of the recent past end where the ship did. Depends on features, motion, orders and records.
+makes the network's own paths of the recent past end where the ship did. Depends on learned, orders and records.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from aspnn.frames import to_body
-from aspnn.learning.features import forcing, history
-from aspnn.learning.windows import WindowSpec, start_wind
-from aspnn.motion import integrate, two_station_motion
+from aspnn.learning.windows import WindowSpec
 from aspnn.orders import Orders, Plan
+from aspnn.prediction.learned import MOVING, Contract, Material, Network, draw, material, through_water
 from aspnn.records import States
-from aspnn.schema import InputError
-from aspnn.vessel import Vessel
-
-# (history, forcing, wind) of n starts -> velocities (n, steps + 1, 3) [m/s]: surge, sway at bow and stern
-Network = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 PARTS = 3  # the last horizon is gone through again in so many parts, each from the states at its begin
 SURE = (
     30.0  # twice the gain of log-likelihood that a current must bring: chance alone has 30 once in three million starts
 )
-MOVING = ("surge", "sway_bow", "sway_stern")  # inputs that are velocities over ground
 STILL = (
     "yaw_rate",
     "rudder_order",
@@ -51,63 +42,13 @@ class Current(NamedTuple):
     sure: np.ndarray
 
 
-class Material(NamedTuple):
-    """What a network sees of n starts: history (n, steps, inputs) with the heading (n, steps) [rad] then, forcing, wind, and the
-    pose (n, 3) at the start."""
-
-    history: np.ndarray
-    heading: np.ndarray
-    forcing: np.ndarray
-    wind: np.ndarray
-    pose: np.ndarray
-
-
 def can_estimate(spec: WindowSpec) -> bool:
     """Whether a network's inputs are such that velocities through the water can take their place."""
     return set(spec.inputs) <= {*MOVING, *STILL}
 
 
-def material(states: States, rows: np.ndarray, plans: list[Plan], spec: WindowSpec, vessel: Vessel) -> Material:
-    """What the network sees at `rows` (n,) under `plans`. Raises InputError for want of history."""
-    past = history(states, rows, spec.inputs, spec.history_steps, spec.period)
-    if "rudder_order" in spec.inputs:
-        past[:, -1, spec.inputs.index("rudder_order")] = [plan.rudder.at(0.0) for plan in plans]
-    time = states["time_s"]
-    instants = time[rows][:, None] + spec.period * np.arange(1 - spec.history_steps, 1)
-    angle, shaft = states["rudder_angle_rad"][rows], states["shaft_speed_rps"][rows]
-    known = [
-        forcing(vessel, a, n, plan, spec.forcings, spec.time) for a, n, plan in zip(angle, shaft, plans, strict=True)
-    ]
-    pose = np.stack([states[name][rows] for name in ("north_m", "east_m", "heading_rad")], axis=-1)
-    heading = np.interp(instants, time, states["heading_rad"])
-    return Material(past, heading, np.stack(known), start_wind(states, rows), pose)
-
-
-def through_water(given: Material, spec: WindowSpec, current: np.ndarray) -> Material:
-    """The material as seen from water that flows with `current` (n, 2) [m/s]: velocities of ship and air relative to it."""
-    ahead, athwart = to_body(current[:, :1], current[:, 1:], given.heading)
-    past = given.history.copy()
-    for name, flow in zip(MOVING, (ahead, athwart, athwart), strict=True):
-        if name in spec.inputs:
-            past[..., spec.inputs.index(name)] -= flow
-    for name, flow in (("wind_forward", ahead), ("wind_starboard", athwart)):
-        if name in spec.inputs:
-            past[..., spec.inputs.index(name)] -= flow
-    felt = given.wind - np.column_stack([ahead[:, -1], athwart[:, -1]]) * given.wind.any(axis=1, keepdims=True)
-    return given._replace(history=past, wind=felt)
-
-
-def walked(velocities: np.ndarray, heading: np.ndarray, spec: WindowSpec, vessel: Vessel) -> np.ndarray:
-    """Ways (n, steps + 1) through the water, north + i east [m], of network velocities from `heading` (n,) [rad]."""
-    mean = (velocities[:, 1:] + velocities[:, :-1]) / 2
-    sway, yaw_rate = two_station_motion(mean[..., 1], mean[..., 2], *vessel.sway_stations)
-    pose = np.stack([0 * heading, 0 * heading, heading], axis=-1)
-    path = integrate(pose, np.stack([mean[..., 0], sway, yaw_rate], axis=-1), spec.period)
-    return path.north + 1j * path.east
-
-
 def estimate_current(
-    network: Network, spec: WindowSpec, vessel: Vessel, states: States, rows: np.ndarray, deviation: float
+    contract: Contract, network: Network, states: States, rows: np.ndarray, deviation: float
 ) -> Current:
     """The current at each of `rows` (n,) from the states before it; a start with less of them than two horizons has none.
 
@@ -119,7 +60,7 @@ def estimate_current(
     is none, such as wind that the network does not know, gains less (largest seen of 10 m/s: about 30), and what only
     chance makes far less.
     """
-    rows = np.asarray(rows, int)
+    rows, spec = np.asarray(rows, int), contract.spec
     time, span = states["time_s"], spec.horizon / PARTS
     velocity, covariance = np.zeros((len(rows), 2)), np.full((len(rows), 2, 2), np.nan)
     before = spec.horizon + spec.period * (spec.history_steps - 1)
@@ -134,7 +75,7 @@ def estimate_current(
     plans = [
         Plan(orders.between(t, t + span), _shaft(states, a, b)) for t, a, b in zip(begins, first, last, strict=True)
     ]
-    given = material(states, first, plans, spec, vessel)
+    given = material(contract, states, first, plans)
     place = states["north_m"] + 1j * states["east_m"]
     went, steps = place[last] - place[first], np.rint((time[last] - time[first]) / spec.period).astype(int)
     noise = [states[f"{axis}_m_sd"][first] ** 2 + states[f"{axis}_m_sd"][last] ** 2 for axis in ("north", "east")]
@@ -146,7 +87,8 @@ def estimate_current(
         flow = currents.reshape(-1, 2)
         seen = through_water(many, spec, flow)
         short = seen.forcing[:, : steps.max() + 1]  # a roll-out need not run further than a part
-        gone = walked(network(seen.history, short, seen.wind), many.heading[:, -1], spec, vessel)
+        path = draw(contract, many.pose, network(seen.history, short, seen.wind), False)
+        gone = path.north - path.north[:, :1] + 1j * (path.east - path.east[:, :1])
         ends = np.tile(steps, len(currents))
         gone = gone[np.arange(len(ends)), ends] + (flow[:, 0] + 1j * flow[:, 1]) * ends * spec.period
         return gone.reshape(len(currents), -1)
@@ -183,12 +125,3 @@ def _shaft(states: States, first: int, last: int) -> Orders | None:
     if not np.isfinite(shaft).all():
         return None
     return Orders.from_series(time - time[0], shaft)
-
-
-def check_inputs(spec: WindowSpec, name: str) -> None:
-    """Raises InputError for a network whose inputs cannot be seen from the water."""
-    if not can_estimate(spec):
-        wrong = next(one for one in spec.inputs if one not in (*MOVING, *STILL))
-        raise InputError(
-            f"checkpoint {name}: input {wrong} has no meaning in a current; train without it to estimate currents"
-        )

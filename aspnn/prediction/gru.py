@@ -1,20 +1,21 @@
-"""The learned predictor: a checkpoint's network gives the velocities, the pivot point or the exact step gives the path."""
+"""The learned predictor run by torch: a checkpoint's network gives the velocities, `carried` and `learned` all around it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path as FilePath
 
 import numpy as np
 import torch
 
 from aspnn.learning.checkpoint import Bundle, read_bundle
-from aspnn.learning.features import forcing, history
-from aspnn.learning.windows import WIND_MEMORY, start_wind
-from aspnn.motion import Path, integrate, region_map_path, two_station_motion
+from aspnn.motion import Path
 from aspnn.orders import Plan
-from aspnn.prediction.plan import Orderable, make_plan
+from aspnn.prediction import carried
+from aspnn.prediction.fan import fan
+from aspnn.prediction.plan import Orderable
+from aspnn.prediction.uncertainty import Calibration
 from aspnn.records import States
-from aspnn.schema import InputError
 
 
 @dataclass(frozen=True)
@@ -46,54 +47,37 @@ class GruPredictor:
         `rudder_plan` [rad] is one angle, or (seconds from now, angle) pairs from 0 on; `shaft_plan` [rev/s] likewise.
         Raises InputError for a plan beyond horizon or limits, too short a history, or another vessel's states.
         """
-        plan = make_plan(states, rudder_plan, shaft_plan, self.horizon)
-        # A long voyage is not read again for every prediction: the history and what the mean wind needs are enough.
-        time = states["time_s"]
-        first = np.searchsorted(time, time[-1] - max(self.bundle.spec.history, WIND_MEMORY)) - 1
-        recent = replace(states, table=states.table.iloc[max(first, 0) :])
-        return self.predict_many(recent, np.array([len(recent) - 1]), [plan])[0]
+        how = (self.bundle, self.velocities, self.calibration)
+        return carried.predict_one(*how, states, rudder_plan, shaft_plan, self.region_map)
 
     def predict_many(self, states: States, rows: np.ndarray, plans: Sequence[Plan]) -> Path:
-        """Paths (n, steps) from each of `rows` under each of `plans`; only rows up to each start are read."""
-        bundle, spec, vessel = self.bundle, self.bundle.spec, self.bundle.vessel
-        check_vessel(states, bundle)
-        rows = np.asarray(rows, int)
-        past = history(states, rows, spec.inputs, spec.history_steps, spec.period)
-        if "rudder_order" in spec.inputs:
-            past[:, -1, spec.inputs.index("rudder_order")] = [plan.rudder.at(0.0) for plan in plans]
-        angle, shaft = states["rudder_angle_rad"][rows], states["shaft_speed_rps"][rows]
-        known = [forcing(vessel, angle[k], shaft[k], plan, spec.forcings, spec.time) for k, plan in enumerate(plans)]
-        with torch.inference_mode():
-            inputs = (past, np.stack(known), start_wind(states, rows))
-            velocities = bundle.network(*(torch.from_numpy(a.astype(np.float32)) for a in inputs)).numpy().astype(float)
-        pose = np.stack([states[k][rows] for k in ("north_m", "east_m", "heading_rad")], axis=-1)
-        path = self._path(pose, velocities)
-        return replace(path, convergence=states["convergence_rad"][rows])
+        """Paths (n, steps) from each of `rows` under each of `plans`, with regions where the checkpoint was calibrated.
 
-    def _path(self, pose: np.ndarray, velocities: np.ndarray) -> Path:
-        spec, vessel = self.bundle.spec, self.bundle.vessel
-        bow, stern = vessel.sway_stations
-        mean = (velocities[:, 1:] + velocities[:, :-1]) / 2
-        if self.region_map:
-            surge, sway_bow, sway_stern = np.moveaxis(mean, -1, 0)
-            return region_map_path(pose, surge, sway_bow, sway_stern, spec.period, bow, stern, vessel.length)
-        sway, yaw_rate = two_station_motion(mean[..., 1], mean[..., 2], bow, stern)
-        return integrate(pose, np.stack([mean[..., 0], sway, yaw_rate], axis=-1), spec.period)
+        Only rows up to each start are read.
+        """
+        how = (self.bundle, self.velocities, self.calibration)
+        return carried.predict_rows(*how, states, rows, plans, self.region_map)
 
+    def fan(self, states: States, orders: Sequence[Orderable], shaft_plan: Orderable = None) -> Path:
+        """Paths (len(orders), steps) from the last of `states` under each of `orders`, as `prediction.fan.fan`."""
+        return fan(self, carried.recent(self.bundle, self.calibration, states), orders, shaft_plan)
 
-def check_vessel(states: States, bundle: Bundle) -> None:
-    """Refuse states of another vessel, or with other sway stations. Raises InputError naming both."""
-    have, want = states.vessel, bundle.vessel
-    if have.name != want.name:
-        raise InputError(
-            f"{states.path or 'states'}: vessel {have.name}, but checkpoint {bundle.name} was trained on {want.name}"
+    def predict_carried(self, states: States, rows: np.ndarray, plans: Sequence[Plan]) -> tuple[Path, np.ndarray]:
+        """Paths without regions, and their covariance (n, steps, 3, 3) by the filter's errors: what calibration needs."""
+        path, covariance, _ = carried.predict_carried(
+            self.bundle, self.velocities, states, rows, plans, self.region_map
         )
-    for what, a, b in (
-        ("length", have.length, want.length),
-        ("bow station", have.sway_stations[0], want.sway_stations[0]),
-        ("stern station", have.sway_stations[1], want.sway_stations[1]),
-    ):
-        if abs(a - b) > 1e-3 * want.length:
-            raise InputError(
-                f"{states.path or 'states'}: {what} {a:g} m of {have.name}, the checkpoint was trained with {b:g} m"
-            )
+        return path, covariance
+
+    @cached_property
+    def calibration(self) -> Calibration | None:
+        """What `aspnn calibrate` found, for the way to the path it was found with; else None. Raises InputError."""
+        found = self.bundle.calibration
+        if found is None or self.region_map != self.bundle.region_map:
+            return None
+        return Calibration.from_dict(found, self.bundle.name)
+
+    def velocities(self, *inputs: np.ndarray) -> np.ndarray:
+        """The network's answer to history, forcing and wind, in float64."""
+        with torch.inference_mode():
+            return self.bundle.network(*(torch.from_numpy(a.astype(np.float32)) for a in inputs)).numpy().astype(float)

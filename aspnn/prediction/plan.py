@@ -19,15 +19,16 @@ def make_plan(states: States, rudder: Orderable, shaft: Orderable, horizon: floa
     `rudder` in rad, `shaft` in rev/s. Raises InputError when orders run back, lie outside the horizon or the rudder's
     limits, or when there is no order in force to hold.
     """
-    now = states.table.iloc[-1]
     angle = _orders(rudder, "rudder", horizon)
     if angle is None:
-        if not math.isfinite(now["rudder_order_rad"]):
+        held = states["rudder_order_rad"][-1]
+        if not math.isfinite(held):
             raise InputError(f"{states.path or 'states'}: no rudder order is known at the start; give a rudder plan")
-        angle = Orders.held(now["rudder_order_rad"])
+        angle = Orders.held(held)
     speed = _orders(shaft, "shaft", horizon)
-    if speed is None and math.isfinite(now["shaft_speed_rps"]):
-        speed = Orders.held(now["shaft_speed_rps"])
+    if speed is None:
+        turning = states["shaft_speed_rps"][-1]
+        speed = Orders.held(turning) if math.isfinite(turning) else None
     check_plan(Plan(angle, speed), states.vessel)
     return Plan(angle, speed)
 

@@ -3,16 +3,25 @@
 import csv
 import io
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import shapely
+from shapely.geometry import mapping
+from shapely.geometry.base import BaseGeometry
+from shapely.geometry.polygon import orient
 
 from aspnn.angles import compass
 from aspnn.frames import Zone, to_geodetic
 from aspnn.motion import Path
+from aspnn.motion.swept import swept_area, swept_region
 from aspnn.records import States
 from aspnn.schema import InputError
 from aspnn.vessel import Vessel
+
+LEVEL = 0.95  # of the swept region
+Notes = Sequence[dict[str, Any]]  # what is said of each order of a fan; rudder_order_deg first
 
 
 def columns(path: Path, vessel: Vessel, zone: Zone | None) -> dict[str, np.ndarray]:
@@ -29,7 +38,7 @@ def columns(path: Path, vessel: Vessel, zone: Zone | None) -> dict[str, np.ndarr
         "sway_stern_m_s": path.sway_at(stern),
         "yaw_rate_deg_s": np.degrees(path.yaw_rate),
         "pivot_point_m": path.pivot,
-        "pivot_region": path.region(vessel.length),
+        "pivot_region": path.pivot_region(vessel.length),
     }
     if zone is not None:
         latitude, longitude = to_geodetic(path.north, path.east, zone)
@@ -39,52 +48,126 @@ def columns(path: Path, vessel: Vessel, zone: Zone | None) -> dict[str, np.ndarr
 
 def to_csv(path: Path, states: States) -> str:
     """The path as CSV, one row per step; an undefined value is empty."""
-    table = columns(path, states.vessel, states.zone)
+    return _csv([columns(path, states.vessel, states.zone)], [{}])
+
+
+def fan_csv(paths: Path, notes: Notes, states: States) -> str:
+    """A fan as CSV, one row per order and step, with what is said of the order in the first columns."""
+    return _csv([columns(paths[k], states.vessel, states.zone) for k in range(len(notes))], notes)
+
+
+def _csv(tables: Sequence[dict[str, np.ndarray]], notes: Notes) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table)
-    for row in zip(*table.values(), strict=True):
-        writer.writerow(["" if np.isnan(v) else f"{v:.10g}" for v in row])
+    writer.writerow([*notes[0], *tables[0]])
+    for table, note in zip(tables, notes, strict=True):
+        said = ["" if v is None else str(v).lower() if isinstance(v, bool) else v for v in note.values()]
+        for row in zip(*table.values(), strict=True):
+            writer.writerow([*said, *("" if np.isnan(v) else f"{v:.10g}" for v in row)])
     return text.getvalue()
 
 
-def to_json(path: Path, states: States, predictor: str) -> str:
-    """The path as JSON: what predicted it, for which vessel, from which instant, and the columns; undefined is null."""
+def to_json(path: Path, states: States, predictor: str, swept: bool = False) -> str:
+    """The path as JSON: what predicted it, for which vessel, from which instant, and the columns; undefined is null.
+
+    With `swept` also the swept area, and the swept region of a path with a spread, as polygons of rings of [north, east] in m.
+    """
+    return json.dumps({**_header(states, predictor), **_path_data(path, states, swept)}, indent=1) + "\n"
+
+
+def fan_json(
+    paths: Path, notes: Notes, states: States, predictor: str, chosen: dict[str, Any] | None = None, swept: bool = False
+) -> str:
+    """A fan as JSON: as `to_json`, with a list of one entry per order, and the order `chosen` where one was asked for."""
+    entries = [{**note, **_path_data(paths[k], states, swept)} for k, note in enumerate(notes)]
+    choice = {} if chosen is None else {"chosen": chosen}
+    return json.dumps({**_header(states, predictor), **choice, "fan": entries}, indent=1) + "\n"
+
+
+def _path_data(path: Path, states: States, swept: bool) -> dict[str, Any]:
     table = columns(path, states.vessel, states.zone)
     values = {name: [None if np.isnan(v) else float(f"{v:.10g}") for v in column] for name, column in table.items()}
-    return json.dumps({**_header(states, predictor), "path": values}, indent=1) + "\n"
+    data: dict[str, Any] = {"path": values}
+    for kind, area, _ in _swept(path, states.vessel) if swept else ():
+        polygons = [mapping(part)["coordinates"] for part in shapely.get_parts(area)]
+        data[f"{kind.replace(' ', '_')}_m"] = [[np.round(ring, 3).tolist() for ring in rings] for rings in polygons]
+    return data
 
 
-def to_geojson(path: Path, states: States, predictor: str, outline_every: float = 15.0) -> str:
+def _swept(path: Path, vessel: Vessel) -> list[tuple[str, BaseGeometry, dict[str, float]]]:
+    """Kind, polygon (north, east [m]) and further properties of the swept area, and of the region where it is known."""
+    areas: list[tuple[str, BaseGeometry, dict[str, float]]] = [("swept area", swept_area(path, vessel.outline()), {})]
+    if path.spread is not None and np.isfinite(path.region(LEVEL).major).all():
+        areas.append(("swept region", swept_region(path, vessel.outline(), LEVEL), {"level": LEVEL}))
+    return areas
+
+
+def to_geojson(path: Path, states: States, predictor: str, outline_every: float = 15.0, swept: bool = False) -> str:
     """The path as GeoJSON: a line of midship and hull outlines every `outline_every` [s], longitude before latitude.
 
-    Raises InputError for a log in local coordinates, which have no place on the globe.
+    With `swept` also the swept area, and the swept region of a path with a spread. A path across the antimeridian is not cut
+    there. Raises InputError for a log in local coordinates, which have no place on the globe.
     """
+    features = _features(
+        path, states, {"kind": "predicted path", **_header(states, predictor)}, {}, outline_every, swept
+    )
+    return json.dumps({"type": "FeatureCollection", "features": features}) + "\n"
+
+
+def fan_geojson(
+    paths: Path,
+    notes: Notes,
+    states: States,
+    predictor: str,
+    chosen: dict[str, Any] | None = None,
+    outline_every: float = 15.0,
+) -> str:
+    """A fan as GeoJSON: for each order the features of `to_geojson` with its swept area, and its note in their properties.
+
+    The order `chosen`, where one was asked for, is a member of the collection. Raises InputError as `to_geojson` does.
+    """
+    header = {"kind": "predicted path", **_header(states, predictor)}
+    features = [
+        feature
+        for k, note in enumerate(notes)
+        for feature in _features(paths[k], states, {**header, **note}, note, outline_every, True)
+    ]
+    choice = {} if chosen is None else {"chosen": chosen}
+    return json.dumps({"type": "FeatureCollection", **choice, "features": features}) + "\n"
+
+
+def _features(
+    path: Path, states: States, header: dict[str, Any], note: dict[str, Any], outline_every: float, swept: bool
+) -> list[dict[str, Any]]:
     zone = states.zone
     if zone is None:
         raise InputError(
             f"{states.path or 'states'}: positions are local, GeoJSON needs latitude and longitude; use json or csv"
         )
 
-    def points(north, east) -> list[list[float]]:
-        latitude, longitude = to_geodetic(north, east, zone)
-        return np.round(np.degrees(np.column_stack([longitude, latitude])), 8).tolist()
+    def degrees(place) -> np.ndarray:
+        latitude, longitude = to_geodetic(place[:, 0], place[:, 1], zone)
+        return np.degrees(np.column_stack([longitude, latitude]))
 
-    def feature(kind: str, coordinates: list, properties: dict[str, Any]) -> dict[str, Any]:
-        return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+    def feature(geometry: BaseGeometry, properties: dict[str, Any]) -> dict[str, Any]:
+        # 1e-8 deg is a millimetre; RFC 7946 wants outer rings counter-clockwise, holes clockwise.
+        placed = shapely.set_precision(shapely.transform(geometry, degrees), 1e-8)
+        rounded = [orient(part) for part in shapely.get_parts(shapely.transform(placed, lambda p: np.round(p, 8)))]
+        shape = rounded[0] if len(rounded) == 1 else shapely.MultiPolygon(rounded)
+        return {"type": "Feature", "geometry": mapping(shape), "properties": properties}
 
-    header = _header(states, predictor)
-    features = [feature("LineString", points(path.north, path.east), {"kind": "predicted path", **header})]
+    # Not the line: a precision grid would drop the points of a ship at rest.
+    line = np.round(degrees(np.column_stack([path.north, path.east])), 8).tolist()
+    features = [{"type": "Feature", "geometry": {"type": "LineString", "coordinates": line}, "properties": header}]
     marks = np.arange(0.0, path.time[-1] + 1e-9, outline_every)
     marked = path.at(marks)
     for k, outline in enumerate(marked.outline(states.vessel.outline())):
-        # RFC 7946 wants outer rings counter-clockwise; a body outline from the bow over starboard runs clockwise.
-        ring = points(outline[::-1, 0], outline[::-1, 1])
         heading = round(float(np.degrees(compass(marked.true_heading[k]))), 3)
-        features.append(
-            feature("Polygon", [ring], {"kind": "predicted ship", "time_s": marks[k], "heading_true_deg": heading})
-        )
-    return json.dumps({"type": "FeatureCollection", "features": features}) + "\n"
+        ship = {"kind": "predicted ship", "time_s": marks[k], "heading_true_deg": heading, **note}
+        features.append(feature(shapely.Polygon(outline), ship))
+    for kind, area, more in _swept(path, states.vessel) if swept else ():
+        features.append(feature(area, {"kind": kind, **more, **note}))
+    return features
 
 
 def _header(states: States, predictor: str) -> dict[str, Any]:

@@ -36,11 +36,11 @@ def test_perfect_and_shifted_predictors():
 
 def test_form_of_metrics(evaluation, tmp_path):
     """architecture.md: the keys of metrics.json, all numbers finite; `order` is new_order and orders_within_horizon."""
-    write_metrics(evaluation, tmp_path / "metrics.json", {"flagship": {"steady": {"90": 0.95}}})
+    write_metrics(evaluation, tmp_path / "metrics.json")
     content = json.loads((tmp_path / "metrics.json").read_text())
-    assert set(content) == {"predictors", "coverage_95", "windows", "data", "seed"}
+    assert set(content) == {"predictors", "coverage_95", "regions", "windows", "data", "seed"}
     assert set(content["predictors"]) == {"flagship", "constant"} and content["seed"] == 7
-    assert content["coverage_95"]["flagship"]["steady"]["90"] == 0.95
+    assert content["coverage_95"] == content["regions"] == {}  # neither has regions: see test_coverage
     for groups in content["predictors"].values():
         counts = {group: groups[group]["n"] for group in groups}
         assert set(groups) == {"new_order", "orders_within_horizon", "order", "steady"}

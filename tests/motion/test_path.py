@@ -151,7 +151,7 @@ def test_region_map_is_exact_at_the_middle_of_a_region(region, yaw_rate):
     mapped = region_map_path((5, 6, 0.2), u, *at_stations(-r * place, r), 2.0, *STATIONS, 90.0)
     for name in ("north", "east", "heading", "sway", "pivot"):
         np.testing.assert_allclose(getattr(mapped, name), getattr(exact, name), atol=1e-9)
-    np.testing.assert_array_equal(mapped.region(90.0), region)
+    np.testing.assert_array_equal(mapped.pivot_region(90.0), region)
 
 
 def test_region_map_turns_as_the_stern_sways():

@@ -5,16 +5,14 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pytest
 import torch
 
 from aspnn.estimation import filter_log
 from aspnn.evaluation.windows import SHIP, find_starts
 from aspnn.frames import to_body
-from aspnn.prediction import current
+from aspnn.prediction import current, learned
 from aspnn.prediction.gru import GruPredictor
 from aspnn.records import States
-from aspnn.schema import InputError
 from aspnn.simulation.scenario import read_scenario, simulate_scenario
 
 ROOT = Path(__file__).parents[2]
@@ -54,14 +52,13 @@ def drifted(states: States, flow) -> States:
 
 
 def estimated(states, rows, net=network):
-    b = flagship()
-    return current.estimate_current(net, b.spec, b.vessel, states, rows, DEVIATION)
+    return current.estimate_current(flagship(), net, states, rows, DEVIATION)
 
 
 def relaxing(history, forcing, wind):
     """A ship with a law: surge goes to 6 m/s with 40 s, both sways to the rudder's 2 m/s per rad with 15 s."""
     spec, time = flagship().spec, flagship().spec.time
-    now = history[:, -1][:, [spec.inputs.index(name) for name in current.MOVING]]
+    now = history[:, -1][:, [spec.inputs.index(name) for name in learned.MOVING]]
     surge = 6 + (now[:, :1] - 6) * np.exp(-time / 40)
     sway = now[:, 1:2] * np.exp(-time / 15)
     return np.stack([surge, sway, sway], axis=-1)
@@ -106,9 +103,9 @@ def test_adrift_is_the_same_voyage():
     assert found.sure.all()
     assert np.hypot(*(found.velocity - FLOW).T).max() < 0.06
     b = flagship()
-    here = current.material(states, rows, list(starts.plans[:12]), b.spec, b.vessel)
-    seen = current.material(there, rows, list(starts.plans[:12]), b.spec, b.vessel)
-    seen = current.through_water(seen, b.spec, np.tile(FLOW, (12, 1)))
+    here = learned.material(b, states, rows, starts.plans[:12])
+    seen = learned.material(b, there, rows, starts.plans[:12])
+    seen = learned.through_water(seen, b.spec, np.tile(FLOW, (12, 1)))
     np.testing.assert_allclose(seen.history, here.history, atol=1e-9)
 
 
@@ -138,7 +135,7 @@ def test_the_future_is_not_seen_and_a_short_past_tells_nothing():
 
 def test_a_ship_that_tells_nothing_keeps_the_prior():
     """Law: on a straight course a network that holds the velocities of its start sees no difference between water and ground."""
-    places = [flagship().spec.inputs.index(name) for name in current.MOVING]
+    places = [flagship().spec.inputs.index(name) for name in learned.MOVING]
 
     def held(history, forcing, wind):
         return np.repeat(history[:, -1][:, None, places], len(flagship().spec.time), axis=1)
@@ -148,9 +145,7 @@ def test_a_ship_that_tells_nothing_keeps_the_prior():
     np.testing.assert_allclose(found.covariance[0], np.eye(2) * current.USUAL**2, rtol=1e-3)
 
 
-def test_inputs_without_meaning_in_a_current_are_refused():
-    """Oracle: the message, for the thesis's network, which sees course and speed over ground."""
-    spec = GruPredictor.load(ROOT / "checkpoints/cargo90-thesis").bundle.spec
-    assert not current.can_estimate(spec)
-    with pytest.raises(InputError, match="has no meaning in a current"):
-        current.check_inputs(spec, "cargo90-thesis")
+def test_a_network_that_sees_the_ground_is_told():
+    """Oracle: the thesis's network, which sees course and speed over ground, has no current; the flagship has."""
+    thesis = GruPredictor.load(ROOT / "checkpoints/cargo90-thesis").bundle
+    assert not current.can_estimate(thesis.spec) and current.can_estimate(flagship().spec)

@@ -136,7 +136,7 @@ def test_public_api_of_the_readme():
     """`Predictor.load` of the package, and names that stay: the path's arrays end at 90 s."""
     path = aspnn.Predictor.load(ROOT / "checkpoints/cargo90").predict(now(), rudder_plan=math.radians(20))
     assert path.time[-1] == 90
-    assert path.north.shape == path.pivot.shape == path.region(90.0).shape == (91,)
+    assert path.north.shape == path.pivot.shape == path.pivot_region(90.0).shape == (91,)
 
 
 def test_loading_imports_no_training_and_no_plots():

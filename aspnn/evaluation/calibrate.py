@@ -1,0 +1,176 @@
+"""Calibration of a checkpoint's regions: errors on voyages that taught it nothing, by population and time from the start."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from aspnn import __version__
+from aspnn.angles import difference
+from aspnn.evaluation.reference import Voyage
+from aspnn.evaluation.windows import Rule, find_starts
+from aspnn.motion import Path
+from aspnn.orders import Plan
+from aspnn.prediction.calibration import VOYAGES, fit_correlation, fit_variance, scores, with_factors
+from aspnn.prediction.uncertainty import FULL, LEVELS, MEASURED, Calibration, axes, drivers, population, shape
+from aspnn.records import States
+from aspnn.schema import InputError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+KNOTS = 12  # of the calibration between start and horizon: every 7.5 s of 90
+SHAPING = 3  # every third voyage shapes the regions, the others scale them
+
+
+class Carries(Protocol):
+    """What calibration asks of a predictor."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def horizon(self) -> float: ...
+
+    def predict_carried(self, states: States, rows: np.ndarray, plans: Sequence[Plan]) -> tuple[Path, np.ndarray]: ...
+
+
+@dataclass(frozen=True)
+class _Part:
+    """The windows of one voyage at the knots: path, covariance by the filter's errors, errors (n, knots, 3) in grid axes."""
+
+    path: Path
+    carried: np.ndarray
+    errors: np.ndarray
+    plans: tuple[Plan, ...]
+    angle: np.ndarray
+    populations: np.ndarray
+    voyage: int
+    measured: np.ndarray
+
+
+def calibrate(predictor: Carries, voyages: Iterable[Voyage], rule: Rule, taught: Iterable[str]) -> Calibration:
+    """Calibrate the regions of a predictor on the windows of `voyages` by `rule`, which taught it nothing.
+
+    Every third voyage shapes the covariance, the others scale it (split conformal). Raises InputError for a voyage among
+    `taught`, for fewer than six voyages with windows, and when no population has enough windows.
+    """
+    horizon, taught = predictor.horizon, set(taught)
+    knots = np.linspace(0.0, horizon, KNOTS + 1)
+    parts: list[_Part] = []
+    digest, kinds = hashlib.sha256(), set()
+    seen: dict[str, int] = {}
+    for voyage in voyages:
+        name = voyage.states.voyage
+        if name in taught:
+            raise InputError(
+                f"{voyage.name or name}: voyage {name} trained checkpoint {predictor.name}; calibrate it on voyages it has not seen"
+            )
+        part = _measure(predictor, voyage, replace(rule, horizons=(horizon,)), knots, seen.setdefault(name, len(seen)))
+        digest.update(voyage.sha256.encode())
+        kinds.add(voyage.reference.kind)
+        if part is not None:
+            parts.append(part)
+    count = len({part.voyage for part in parts})
+    if count < VOYAGES:
+        raise InputError(
+            f"calibrating {predictor.name}: {count} voyages have windows, {VOYAGES} are needed; "
+            f"a window needs {rule.history:g} s before its start and {horizon:g} s after it"
+        )
+    ranks = {voyage: k for k, voyage in enumerate(sorted({part.voyage for part in parts}))}
+    shaping = [part for part in parts if ranks[part.voyage] % SHAPING == 0]
+    scaling = [part for part in parts if ranks[part.voyage] % SHAPING != 0]
+    variance, correlation = _shaped(shaping)
+    measured = np.concatenate([part.measured for part in parts])
+    domain = {
+        column: (float(values.min()), float(values.max()))
+        for column, values in zip(MEASURED, measured.T, strict=True)
+        if np.isfinite(values).all()
+    }
+    found = Calibration(
+        time=knots,
+        variance=variance,
+        correlation=correlation,
+        levels=np.array(LEVELS),
+        position={},
+        heading={},
+        domain=domain,
+        settled=rule.steady_before,
+        drift=float(np.sqrt(np.mean([np.mean(part.errors[:, KNOTS // 3, :2] ** 2) for part in parts]))),
+        facts={},
+    )
+    marks = [scores(part.errors, shape(found, part.path, part.carried, part.plans, part.angle)) for part in scaling]
+    position, heading = (np.concatenate(values) for values in zip(*marks, strict=True))
+    populations = np.concatenate([part.populations for part in scaling])
+    of = np.repeat([part.voyage for part in scaling], [len(part.angle) for part in scaling])
+    facts: dict[str, Any] = {
+        "aspnn": __version__,
+        "voyages": list(seen),
+        "data_sha256": digest.hexdigest(),
+        "reference": " and ".join(sorted(kinds)),
+        "shaped_by": {"windows": sum(len(part.angle) for part in shaping), "voyages": len({p.voyage for p in shaping})},
+    }
+    return with_factors(found, position, heading, populations, of, facts)
+
+
+def _measure(predictor: Carries, voyage: Voyage, rule: Rule, knots: np.ndarray, number: int) -> _Part | None:
+    states = voyage.states
+    starts = find_starts(states, rule, voyage.shaft)
+    starts = starts.keep(voyage.reference.known(states["time_s"][starts.rows], rule.horizon), "no reference")
+    rows, plans = starts.rows, starts.plans
+    if not len(rows):
+        return None
+    path, carried = predictor.predict_carried(states, rows, plans)
+    columns = np.array([np.argmin(np.abs(path.time - knot)) for knot in knots])
+    truth = voyage.reference.path(states["time_s"][rows], path.time[columns])
+    path = path.at(path.time[columns])
+    errors = [path.north - truth.north, path.east - truth.east, difference(path.heading, truth.heading)]
+    kinds = [
+        population(states, int(r), plan, rule.horizon, rule.steady_before) for r, plan in zip(rows, plans, strict=True)
+    ]
+    return _Part(
+        path=path,
+        carried=carried[:, columns],
+        errors=np.stack(errors, axis=-1),
+        plans=plans,
+        angle=states["rudder_angle_rad"][rows],
+        populations=np.array(kinds),
+        voyage=number,
+        measured=np.stack([states[column][rows] for column in MEASURED], axis=-1),
+    )
+
+
+def _shaped(parts: Sequence[_Part]) -> tuple[np.ndarray, np.ndarray]:
+    """Variance and correlation of the model's error by knot."""
+    turned, known, grows = [], [], []
+    for part in parts:
+        back = np.swapaxes(axes(part.path), -1, -2)  # a rotation and a sign: its transpose undoes it
+        turned.append(np.einsum("...ab,...b->...a", back, part.errors))
+        known.append(np.einsum("...ab,...bc,...ac->...a", back, part.carried, back))
+        grows.append(drivers(part.path, part.plans, part.angle))
+    errors, carried, driving = (np.concatenate(values) for values in (turned, known, grows))
+    variance = fit_variance(errors, carried, driving)
+    return variance, fit_correlation(errors, carried, driving, variance)
+
+
+def table(calibration: Calibration) -> "Table":
+    """Windows and voyages by population, and the factors on the standard deviations at 95 % and the last knot."""
+    from rich.table import Table
+
+    facts = calibration.facts
+    caption = [
+        f"Shaped by {facts['shaped_by']['windows']} windows of {facts['shaped_by']['voyages']} other voyages; errors against "
+        f"the {facts['reference']}.",
+        "Factors on the standard deviations that hold 95 % at the horizon; Gaussian errors would need 2.45 and 1.96.",
+    ]
+    shown = Table(title="Regions calibrated", caption="\n".join(caption), caption_justify="left")
+    shown.add_column("population", no_wrap=True)
+    for name in ("windows", "voyages", "position", "heading"):
+        shown.add_column(name, justify="right", no_wrap=True)
+    for name, count in facts["populations"].items():
+        cells = [f"{factors[name][-1, FULL]:.2f}" if name in factors else "too few" for factors in
+                 (calibration.position, calibration.heading)]  # fmt: skip
+        shown.add_row(name, str(count["windows"]), str(count["voyages"]), *cells)
+    return shown

@@ -1,0 +1,131 @@
+"""A learned prediction with what the filter's errors make of it: perturbed starts are further rows of the same batch.
+
+No torch is imported here: the network is whatever `learned` accepts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from aspnn.learning.windows import WIND_MEMORY, WindowSpec
+from aspnn.motion import Path
+from aspnn.orders import Plan
+from aspnn.prediction import learned
+from aspnn.prediction.current import can_estimate, estimate_current
+from aspnn.prediction.plan import Orderable, make_plan
+from aspnn.prediction.uncertainty import Calibration, beyond, carried, perturbed, shifts, spread_of
+from aspnn.records import States
+from aspnn.vessel import Vessel
+
+
+class Contract(Protocol):
+    """What a checkpoint says of its network: the contract of `learned`, and the range of its inputs in training."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def spec(self) -> WindowSpec: ...
+
+    @property
+    def vessel(self) -> Vessel: ...
+
+    @property
+    def domain(self) -> dict[str, list[float]]: ...
+
+
+def predict_carried(
+    contract: Contract,
+    network: learned.Network,
+    states: States,
+    rows: np.ndarray,
+    plans: Sequence[Plan],
+    region_map: bool,
+    current: np.ndarray | None = None,
+) -> tuple[Path, np.ndarray, np.ndarray]:
+    """Paths (n, steps) as `learned.predict_rows` gives them, their covariance by the filter's errors, and `outside` (n,).
+
+    The covariance (n, steps, 3, 3) is of north, east [m] and heading [rad]. An error is taken as lasting over the whole
+    history, so that the network cannot average it out. `outside` tells whether an input or a forcing is beyond training.
+    """
+    rows, spec = np.asarray(rows, int), contract.spec
+    errors = perturbed(states, rows)
+    n, many = len(rows), 1 + len(errors)
+    moved: list[np.ndarray] = []
+    outside = np.zeros(n, bool)
+
+    def batched(past: np.ndarray, known: np.ndarray, wind: np.ndarray) -> np.ndarray:
+        pasts = [past + shifts(spec.inputs, states, rows, pose, body)[:, None] for pose, body in errors]
+        velocities = network(np.concatenate([past, *pasts]), np.tile(known, (many, 1, 1)), np.tile(wind, (many, 1)))
+        moved.append(velocities[n:])
+        for names, values in ((spec.inputs, past), (spec.forcings, known)):
+            for k, name in enumerate(names):
+                outside[:] |= beyond(values[..., k], *contract.domain[name])
+        return velocities[:n]
+
+    path = learned.predict_rows(contract, batched, states, rows, plans, region_map, current)
+    pose = np.stack([path.north[:, 0], path.east[:, 0], path.heading[:, 0]], axis=-1)
+    others = learned.draw(contract, np.concatenate([pose + step for step, _ in errors]), moved[0], region_map)
+    if current is not None:
+        others = learned.adrift(others, np.tile(current, (len(errors), 1)))
+    parts = [others[k * n : (k + 1) * n] for k in range(len(errors))]
+    return path, carried(path, parts, states, rows), outside
+
+
+def recent(contract: Contract, calibration: Calibration | None, states: States) -> States:
+    """The end of `states` that a prediction from the last of them reads. A long voyage is not read again for each.
+
+    That is the history, what the mean wind needs, for the regions the time since the last order, and for a current a horizon.
+    """
+    time, spec = states["time_s"], contract.spec
+    span = max(spec.history, WIND_MEMORY, 0.0 if calibration is None else calibration.settled)
+    if calibration is not None and can_estimate(spec):
+        span = max(span, spec.history + spec.horizon)
+    first = np.searchsorted(time, time[-1] - span) - 1
+    return replace(states, table=states.table.iloc[max(first, 0) :])
+
+
+def predict_one(
+    contract: Contract,
+    network: learned.Network,
+    calibration: Calibration | None,
+    states: States,
+    rudder: Orderable,
+    shaft: Orderable,
+    region_map: bool,
+) -> Path:
+    """Path from the last of `states`, if the plan is followed, with regions where there is a calibration."""
+    plan = make_plan(states, rudder, shaft, contract.spec.horizon)
+    end = recent(contract, calibration, states)
+    return predict_rows(contract, network, calibration, end, np.array([len(end) - 1]), [plan], region_map)[0]
+
+
+def predict_rows(
+    contract: Contract,
+    network: learned.Network,
+    calibration: Calibration | None,
+    states: States,
+    rows: np.ndarray,
+    plans: Sequence[Plan],
+    region_map: bool,
+) -> Path:
+    """Paths (n, steps) from each of `rows` under each of `plans`, with regions where there is a calibration.
+
+    That also tells how well the ship keeps to the network in still water: then a current is sought (see `current`).
+    """
+    if calibration is None:
+        return learned.predict_rows(contract, network, states, rows, plans, region_map)
+    rows, flow = np.asarray(rows, int), None
+    found = None
+    if can_estimate(contract.spec):
+        found = estimate_current(contract, network, states, rows, calibration.drift)
+        flow = found.velocity if found.sure.any() else None
+    path, covariance, outside = predict_carried(contract, network, states, rows, plans, region_map, flow)
+    if found is not None and flow is not None:
+        # A current known to P adds P t^2; that the velocities through the water err by as much the other way is left out.
+        known = np.where(found.sure[:, None, None], found.covariance, 0.0)
+        covariance[..., :2, :2] += known[:, None] * path.time[:, None, None] ** 2
+    spread = spread_of(calibration, path, covariance, states, rows, plans, outside, flow)
+    return replace(path, spread=spread)
