@@ -13,7 +13,7 @@ from aspnn.learning.windows import WIND_MEMORY, WindowSpec
 from aspnn.motion import Path
 from aspnn.orders import Plan
 from aspnn.prediction import learned
-from aspnn.prediction.current import can_estimate, estimate_current
+from aspnn.prediction.current import Current, can_estimate, estimate_current
 from aspnn.prediction.plan import Orderable, make_plan
 from aspnn.prediction.uncertainty import Calibration, beyond, carried, perturbed, shifts, spread_of
 from aspnn.records import States
@@ -120,7 +120,8 @@ def predict_rows(
     rows, flow = np.asarray(rows, int), None
     found = None
     if can_estimate(contract.spec):
-        found = estimate_current(contract, network, states, rows, calibration.drift)
+        starts, of = np.unique(rows, return_inverse=True)  # the plans of a fan begin in one current
+        found = Current(*(part[of] for part in estimate_current(contract, network, states, starts, calibration.drift)))
         flow = found.velocity if found.sure.any() else None
     path, covariance, outside = predict_carried(contract, network, states, rows, plans, region_map, flow)
     if found is not None and flow is not None:
