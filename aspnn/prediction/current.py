@@ -15,22 +15,14 @@ from aspnn.prediction.learned import MOVING, Contract, Material, Network, draw, 
 from aspnn.records import States
 
 PARTS = 3  # the last horizon is gone through again in so many parts, each from the states at its begin
-SURE = (
-    30.0  # twice the gain of log-likelihood that a current must bring: chance alone has 30 once in three million starts
-)
-STILL = (
-    "yaw_rate",
-    "rudder_order",
-    "rudder_angle",
-    "shaft_speed",
-    "wind_forward",
-    "wind_starboard",
-)  # alike in any water
-STEPS = 3  # of Gauss and Newton; the second already moves less than a millimetre per second
+# Twice the gain of log-likelihood that a current must bring: chance alone has 30 once in three million starts.
+SURE = 30.0
+# Inputs that are alike in any water, and those of the wind, which `through_water` takes relative to it.
+STILL = ("yaw_rate", "rudder_order", "rudder_angle", "shaft_speed", "wind_forward", "wind_starboard")
+STEPS = 3  # of Gauss and Newton; the third moves 0.04 mm/s in the median, 1 cm/s at most, in currents up to 1 m/s
 STEP = 0.05  # m/s, of the differences that make their derivatives
-USUAL = (
-    2.0  # m/s, standard deviation of a current's components before anything is known; a ship may tell nothing of one
-)
+# m/s, standard deviation of a current's components before anything is known; a ship may tell nothing of one.
+USUAL = 2.0
 
 
 class Current(NamedTuple):
@@ -50,15 +42,14 @@ def can_estimate(spec: WindowSpec) -> bool:
 def estimate_current(
     contract: Contract, network: Network, states: States, rows: np.ndarray, deviation: float
 ) -> Current:
-    """The current at each of `rows` (n,) from the states before it; a start with less of them than two horizons has none.
+    """The current at each of `rows` (n,) from the states before it; a start with less of them than history and horizon has none.
 
     The last horizon in PARTS: from the state at the begin of each the network runs on under the orders that were in force, and
     its end is compared with where the ship was. Least squares over these 2 PARTS numbers, each with the variance
     `deviation`^2 [m2] of the network's place after a part plus that of the filter's places at both ends, and a current that is
     normal about zero with USUAL. The gain in twice the log-likelihood over still water is c^T P^-1 c; a current is used where
-    it exceeds SURE. What looks like a current and
-    is none, such as wind that the network does not know, gains less (largest seen of 10 m/s: about 30), and what only
-    chance makes far less.
+    it exceeds SURE. What looks like a current and is none, such as wind that the network does not know, gains less: 16 at most
+    in six simulated voyages of cargo90 in winds of up to 10 m/s.
     """
     rows, spec = np.asarray(rows, int), contract.spec
     time, span = states["time_s"], spec.horizon / PARTS
@@ -106,7 +97,7 @@ def estimate_current(
         gradient -= found / USUAL**2
         found = found + np.linalg.solve(normal, gradient[..., None])[..., 0]
         gain = np.einsum("ni,nij,nj->n", found, normal, found)
-        if step == 0 and gain.max() < SURE / 2:  # nowhere near: what the next steps would change is less than that
+        if step == 0 and gain.max() < SURE / 2:  # nowhere near; without a current the next step moves 3 mm/s at most
             break
     sure[enough] = gain > SURE
     velocity[enough] = np.where((gain > SURE)[:, None], found, 0.0)
