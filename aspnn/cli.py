@@ -302,8 +302,12 @@ def predict(
     ] = None,
     clear: Annotated[
         str | None,
-        typer.Option(help="Which order of the fan keeps the hull off LAT,LON@METRES or FILE.geojson@METRES?"),
+        typer.Option(help="Which order of the fan keeps hull and region off LAT,LON@METRES or FILE.geojson@METRES?"),
     ] = None,
+    soonest: Annotated[
+        bool,
+        typer.Option("--soonest", help="Of the orders that clear, the one past it soonest, not the smallest change."),
+    ] = False,
     swept: Annotated[
         bool, typer.Option("--swept", help="Add the area that the hull sweeps (a fan's GeoJSON always has it).")
     ] = False,
@@ -313,7 +317,7 @@ def predict(
 
     text = predict_file(
         *(checkpoint, log, at, rudder, horizon, format.value, region_map),
-        *(fan, clear, swept, lambda line: print(line, file=sys.stderr)),
+        *(fan, clear, swept, soonest, lambda line: print(line, file=sys.stderr)),
     )
     sys.stdout.write(text)
 

@@ -446,12 +446,14 @@ def predict_file(
     fan: str | None = None,
     clear: str | None = None,
     swept: bool = False,
+    soonest: bool = False,
     tell: Callable[[str], None] = lambda line: None,
 ) -> str:
     """The path predicted from `at` [s] of a log as text in `format` (json, geojson, csv). Raises InputError.
 
     `fan` predicts many orders in place of one plan (FROM:TO:STEP in degrees), `clear` judges by what is to be cleared
-    (LAT,LON@METRES or FILE.geojson@METRES) and has `tell` say which order does; `swept` adds the swept area.
+    (LAT,LON@METRES or FILE.geojson@METRES) and has `tell` say which order does, with `soonest` the one that is past first;
+    `swept` adds the swept area.
     """
     from aspnn.prediction import Predictor, writers
     from aspnn.prediction import fan as fans
@@ -460,6 +462,10 @@ def predict_file(
         raise InputError("--fan and --rudder exclude each other: a fan holds each of its orders; leave one of them out")
     if clear is not None and fan is None:
         raise InputError("--clear chooses among the orders of a fan; add --fan FROM:TO:STEP, such as --fan -35:35:5")
+    if soonest and clear is None:
+        raise InputError(
+            "--soonest chooses among the orders that clear something; add --clear, such as --clear 69.65,18.96@100"
+        )
     if swept and format == "csv":
         raise InputError("--swept has no form in csv; use --format json or geojson")
     orders = None if fan is None else fans.parse_fan(fan)
@@ -481,7 +487,7 @@ def predict_file(
     if horizon is not None:
         path = path.at(path.time[path.time <= horizon + 1e-9])
     if orders is not None:
-        notes, chosen = fans.judged(path, orders, now, target, tell)
+        notes, chosen = fans.judged(path, orders, now, target, tell, soonest)
         if format == "csv":
             return writers.fan_csv(path, notes, now)
         if format == "geojson":

@@ -264,6 +264,7 @@ def bad_inputs(place: Path, log: Path, tmp: Path):
         ),
         "no fan": ((*predict, "--at", 100, "--fan", "5"), "is not FROM:TO:STEP"),
         "clear without fan": ((*predict, "--at", 100, "--clear", "69,18@50"), "add --fan FROM:TO:STEP"),
+        "soonest of nothing": ((*predict, "--at", 100, "--fan", "-5:5:5", "--soonest"), "add --clear"),
         "clear without metres": (
             (*predict, "--at", 100, "--fan", "-5:5:5", "--clear", "69,18"),
             "is not LAT,LON@METRES",

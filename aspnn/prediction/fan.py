@@ -18,7 +18,7 @@ from shapely.geometry.base import BaseGeometry
 
 from aspnn.frames import Zone, to_grid
 from aspnn.motion import Path
-from aspnn.motion.swept import Approach, Sweep, closest_approach, sweep
+from aspnn.motion.swept import Approach, Sweep, closest_approach, sweep, swept_region
 from aspnn.orders import Orders
 from aspnn.prediction.plan import Orderable, make_plan
 from aspnn.records import States
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from aspnn.prediction import Predictor
 
 MOST = 361  # orders in one fan: more than the quarter degrees from stop to stop
+LEVEL = 0.95  # of the regions that a clearance is judged by
 SEGMENT = 0.002  # deg, the most of a line of longitude and latitude that is drawn straight on the grid (3 mm at 70 N)
 
 
@@ -61,6 +62,16 @@ def fan(predictor: "Predictor", states: States, orders: Sequence[Orderable], sha
 def approaches(paths: Path, outline: np.ndarray, obstacle: BaseGeometry) -> list[Approach]:
     """How near the hull comes to `obstacle` on each path of a fan, and when."""
     return [closest_approach(paths[k], outline, obstacle) for k in range(len(paths.north))]
+
+
+def region_distances(paths: Path, outline: np.ndarray, obstacle: BaseGeometry) -> list[float] | None:
+    """How near the 95 % swept region of each path comes to `obstacle` [m], or None where the paths have no regions.
+
+    The hull is inside that region at any one instant with at least 90 % (see `swept_region`).
+    """
+    if paths.spread is None or not np.isfinite(paths.region(LEVEL).major).all():
+        return None
+    return [float(shapely.distance(swept_region(paths[k], outline, LEVEL), obstacle)) for k in range(len(paths.north))]
 
 
 def order_in_force(states: States) -> float:
@@ -155,18 +166,13 @@ def _below(time: np.ndarray, value: np.ndarray, for_good: bool) -> float:
 
 
 def soonest_past(
-    paths: Path,
-    orders: Sequence[Orderable],
-    obstacle: BaseGeometry,
-    distance: float,
-    outline: np.ndarray,
-    in_force: float,
+    orders: Sequence[Orderable], near: Sequence[Approach], times: Sequence[float], distance: float, in_force: float
 ) -> Choice:
-    """The order under which the hull has `obstacle` abaft soonest (`past`), at least `distance` [m] away all the time.
+    """The order under which the hull is past soonest, at least `distance` [m] away all the time.
 
-    Ties as in order_that_clears. Where none does both within the horizon: the one that stays furthest away.
+    `near` are the `approaches` of the fan's paths, `times` [s] when each is `past`. Ties as in order_that_clears. Where none does
+    both within the horizon: the one that stays furthest away.
     """
-    near, times = approaches(paths, outline, obstacle), [past(paths[k], outline, obstacle) for k in range(len(orders))]
     done = [k for k, a in enumerate(near) if a.distance >= distance and math.isfinite(times[k])]
     first = min((times[k] for k in done), default=math.nan)
     found = _nearest(orders, near, [k for k in done if times[k] <= first], in_force)
@@ -196,10 +202,12 @@ def judged(
     states: States,
     target: tuple[BaseGeometry, float] | None,
     tell: Callable[[str], None],
+    soonest: bool = False,
 ) -> tuple[list[dict[str, Any]], dict[str, Any] | None]:
     """What to write of each order of a fan, and of the one chosen to clear `target` (obstacle, distance [m]); None without.
 
-    `tell` gets a line on the choice.
+    Where the paths have regions it is the region that must clear. The choice is the order nearest to that in force, or with `soonest`
+    the one that is past soonest; `tell` gets a line on it.
     """
     notes: list[dict[str, Any]] = [{"rudder_order_deg": round(math.degrees(order), 6)} for order in orders]
     if target is None:
@@ -207,14 +215,26 @@ def judged(
     obstacle, distance = target
     outline = states.vessel.outline()
     near = approaches(paths, outline, obstacle)
-    for k, (note, approach) in enumerate(zip(notes, near, strict=True)):
-        behind = past(paths[k], outline, obstacle)
-        note |= {"clearance_m": round(approach.distance, 3), "closest_s": round(approach.time, 3)}
-        note |= {"past_s": None if math.isnan(behind) else round(behind, 3), "clears": approach.distance >= distance}
-    choice = order_that_clears(orders, near, distance, order_in_force(states))
-    said = notes[choice.index]
-    words = f"rudder {said['rudder_order_deg']:g} deg keeps {choice.distance:.1f} m off, closest at {choice.time:.1f} s"
-    tell(words if choice.clears else f"no order of the fan clears {distance:g} m; the best: {words}")
+    bounds = region_distances(paths, outline, obstacle)
+    sure = near if bounds is None else [a._replace(distance=d) for a, d in zip(near, bounds, strict=True)]
+    times = [past(paths[k], outline, obstacle) for k in range(len(orders))]
+    for note, hull, bound, behind in zip(notes, near, sure, times, strict=True):
+        note["clearance_m"] = round(hull.distance, 3)
+        if bounds is not None:
+            note["region_clearance_m"] = round(bound.distance, 3)
+        note |= {"closest_s": round(hull.time, 3), "past_s": None if math.isnan(behind) else round(behind, 3)}
+        note["clears"] = bound.distance >= distance
+    in_force = order_in_force(states)
+    smallest = order_that_clears(orders, sure, distance, in_force)
+    choice = soonest_past(orders, sure, times, distance, in_force) if soonest else smallest
+    said, hull = notes[choice.index], near[choice.index]
+    words = f"rudder {said['rudder_order_deg']:g} deg keeps {hull.distance:.1f} m off, closest at {hull.time:.1f} s"
+    if "region_clearance_m" in said:
+        words += f" (its 95 % region: {said['region_clearance_m']:.1f} m)"
+    if soonest:
+        words += "" if said["past_s"] is None else f", past at {said['past_s']:.1f} s"
+    asked = f"clears {distance:g} m" + (" and is past within the horizon" if soonest else "")
+    tell(words if choice.clears else f"no order of the fan {asked}; the best: {words}")
     return notes, {**said, "distance_m": distance}
 
 

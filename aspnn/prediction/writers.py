@@ -15,17 +15,22 @@ from shapely.geometry.polygon import orient
 from aspnn.angles import compass
 from aspnn.frames import Zone, to_geodetic
 from aspnn.motion import Path
+from aspnn.motion.spread import Region
 from aspnn.motion.swept import swept_area, swept_region
 from aspnn.records import States
 from aspnn.schema import InputError
 from aspnn.vessel import Vessel
 
-LEVEL = 0.95  # of the swept region
+LEVEL = 0.95  # of all regions written
 Notes = Sequence[dict[str, Any]]  # what is said of each order of a fan; rudder_order_deg first
 
 
 def columns(path: Path, vessel: Vessel, zone: Zone | None) -> dict[str, np.ndarray]:
-    """One predicted path as named columns with units. Undefined pivot points and regions are NaN."""
+    """One predicted path as named columns with units. Undefined pivot points and regions are NaN.
+
+    A path with a spread has its regions at LEVEL: half axes of the ellipse about midship, true azimuth of the major one, and the
+    half-width of the interval about the heading.
+    """
     bow, stern = vessel.sway_stations
     table = {
         "time_s": path.time,
@@ -43,6 +48,14 @@ def columns(path: Path, vessel: Vessel, zone: Zone | None) -> dict[str, np.ndarr
     if zone is not None:
         latitude, longitude = to_geodetic(path.north, path.east, zone)
         table |= {"latitude_deg": np.degrees(latitude), "longitude_deg": np.degrees(longitude)}
+    if path.spread is not None:
+        region = path.region(LEVEL)
+        table |= {
+            "region_95_major_m": region.major,
+            "region_95_minor_m": region.minor,
+            "region_95_azimuth_true_deg": np.degrees(np.mod(region.azimuth + path.true_heading - path.heading, np.pi)),
+            "heading_95_deg": np.degrees(region.heading),
+        }
     return table
 
 
@@ -87,17 +100,28 @@ def fan_json(
 def _path_data(path: Path, states: States, swept: bool) -> dict[str, Any]:
     table = columns(path, states.vessel, states.zone)
     values = {name: [None if np.isnan(v) else float(f"{v:.10g}") for v in column] for name, column in table.items()}
-    data: dict[str, Any] = {"path": values}
+    data: dict[str, Any] = {**_trust(path), "path": values}
     for kind, area, _ in _swept(path, states.vessel) if swept else ():
         polygons = [mapping(part)["coordinates"] for part in shapely.get_parts(area)]
         data[f"{kind.replace(' ', '_')}_m"] = [[np.round(ring, 3).tolist() for ring in rings] for rings in polygons]
     return data
 
 
+def _trust(path: Path) -> dict[str, Any]:
+    """What a path with a spread says of itself as a whole."""
+    return {} if path.spread is None else {"outside_training": bool(path.spread.outside)}
+
+
+def _known_region(path: Path) -> Region | None:
+    """The region at LEVEL of a path that has one at each of its steps."""
+    region = None if path.spread is None else path.region(LEVEL)
+    return region if region is not None and np.isfinite(region.major + region.heading).all() else None
+
+
 def _swept(path: Path, vessel: Vessel) -> list[tuple[str, BaseGeometry, dict[str, float]]]:
     """Kind, polygon (north, east [m]) and further properties of the swept area, and of the region where it is known."""
     areas: list[tuple[str, BaseGeometry, dict[str, float]]] = [("swept area", swept_area(path, vessel.outline()), {})]
-    if path.spread is not None and np.isfinite(path.region(LEVEL).major).all():
+    if _known_region(path) is not None:
         areas.append(("swept region", swept_region(path, vessel.outline(), LEVEL), {"level": LEVEL}))
     return areas
 
@@ -105,8 +129,9 @@ def _swept(path: Path, vessel: Vessel) -> list[tuple[str, BaseGeometry, dict[str
 def to_geojson(path: Path, states: States, predictor: str, outline_every: float = 15.0, swept: bool = False) -> str:
     """The path as GeoJSON: a line of midship and hull outlines every `outline_every` [s], longitude before latitude.
 
-    With `swept` also the swept area, and the swept region of a path with a spread. A path across the antimeridian is not cut
-    there. Raises InputError for a log in local coordinates, which have no place on the globe.
+    A path with a spread has the ellipse that midship is in at LEVEL beside each outline but the first. With `swept` also the
+    swept area, and the swept region of a path with a spread. A path across the antimeridian is not cut there. Raises InputError
+    for a log in local coordinates, which have no place on the globe.
     """
     features = _features(
         path, states, {"kind": "predicted path", **_header(states, predictor)}, {}, outline_every, swept
@@ -158,13 +183,20 @@ def _features(
 
     # Not the line: a precision grid would drop the points of a ship at rest.
     line = np.round(degrees(np.column_stack([path.north, path.east])), 8).tolist()
-    features = [{"type": "Feature", "geometry": {"type": "LineString", "coordinates": line}, "properties": header}]
+    whole = {**header, **_trust(path)}
+    features = [{"type": "Feature", "geometry": {"type": "LineString", "coordinates": line}, "properties": whole}]
     marks = np.arange(0.0, path.time[-1] + 1e-9, outline_every)
     marked = path.at(marks)
     for k, outline in enumerate(marked.outline(states.vessel.outline())):
         heading = round(float(np.degrees(compass(marked.true_heading[k]))), 3)
         ship = {"kind": "predicted ship", "time_s": marks[k], "heading_true_deg": heading, **note}
         features.append(feature(shapely.Polygon(outline), ship))
+    region = _known_region(marked)
+    if region is not None:
+        for k, ellipse in enumerate(region.outline()[1:], start=1):
+            off = round(float(np.degrees(region.heading[k])), 3)
+            place = {"kind": "region", "level": LEVEL, "time_s": marks[k], "heading_within_deg": off, **note}
+            features.append(feature(shapely.Polygon(ellipse), place))
     for kind, area, more in _swept(path, states.vessel) if swept else ():
         features.append(feature(area, {"kind": kind, **more, **note}))
     return features

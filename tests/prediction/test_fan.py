@@ -3,6 +3,7 @@
 import io
 import json
 import math
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from shapely.geometry import shape
 from aspnn.estimation import filter_log
 from aspnn.frames import Zone, to_geodetic, to_grid
 from aspnn.motion import integrate
-from aspnn.motion.swept import swept_area
+from aspnn.motion.swept import swept_area, swept_region
 from aspnn.prediction import KinematicPredictor, writers
 from aspnn.prediction import fan as fans
 from aspnn.prediction.gru import GruPredictor
@@ -140,10 +141,11 @@ def test_soonest_past(abeam):
     buoy = Point(300, abeam)
     np.testing.assert_allclose([fans.past(paths[k], HULL, buoy) for k in (0, 1)], [345 / 4, 345 / 6], rtol=1e-9)
     assert math.isnan(fans.past(paths[2], HULL, buoy))
-    found = fans.soonest_past(paths, ORDERS[:3], buoy, 50.0, HULL, 0.0)
+    near, times = fans.approaches(paths, HULL, buoy), [fans.past(paths[k], HULL, buoy) for k in range(3)]
+    found = fans.soonest_past(ORDERS[:3], near, times, 50.0, 0.0)
     assert (found.index, found.clears) == (1, True)
     np.testing.assert_allclose([found.time, found.distance], [57.5, 53.0])
-    assert not fans.soonest_past(paths, ORDERS[:3], buoy, 54.0, HULL, 0.0).clears
+    assert not fans.soonest_past(ORDERS[:3], near, times, 54.0, 0.0).clears
     assert fans.past(paths[0], HULL, Point(-50, 0)) == 0.0
     round_again = made(2 * math.pi / 80, steps=60)  # the buoy to port is astern after 20 s, ahead after 60 s
     assert math.isnan(fans.past(round_again[0], HULL, Point(10, -200)))
@@ -232,11 +234,16 @@ def test_files_of_a_fan():
     paths, said = flagship().fan(now(), ORDERS), []
     rock = Point(paths.north[2, 60], paths.east[2, 60])
     notes, choice = notes_of(paths, ORDERS, (rock, 25.0), said)
-    expected = fans.order_that_clears(ORDERS, fans.approaches(paths, HULL, rock), 25.0, fans.order_in_force(now()))
+    near = fans.approaches(paths, HULL, rock)
+    bounds = [swept_region(paths[k], HULL).distance(rock) for k in range(len(ORDERS))]
+    assert all(bound < hull.distance or bound == 0 for bound, hull in zip(bounds, near, strict=True))
+    sure = [a._replace(distance=bound) for a, bound in zip(near, bounds, strict=True)]
+    expected = fans.order_that_clears(ORDERS, sure, 25.0, fans.order_in_force(now()))
     assert choice["rudder_order_deg"] == round(math.degrees(expected.order), 6)
     assert choice["clears"] == expected.clears
     assert said == [
-        f"rudder {choice['rudder_order_deg']:g} deg keeps {expected.distance:.1f} m off, closest at {expected.time:.1f} s"
+        f"rudder {choice['rudder_order_deg']:g} deg keeps {near[expected.index].distance:.1f} m off, "
+        f"closest at {expected.time:.1f} s (its 95 % region: {expected.distance:.1f} m)"
     ]
     collection = json.loads(writers.fan_geojson(paths, notes, now(), "flagship", choice))
     assert collection["chosen"] == choice
@@ -262,6 +269,35 @@ def test_files_of_a_fan():
         np.testing.assert_allclose(
             shapely.Polygon(polygon[0], polygon[1:]).area, swept_area(paths[k], HULL).area, rtol=1e-4
         )
+
+
+def test_region_of_an_order_may_not_clear():
+    """By hand: the hull of straight ahead clears a buoy abeam by more than asked, its region does not."""
+    (path,) = (flagship().fan(now(), [0.0]),)
+    hull, bound = (
+        shapely.distance(area, Point(path.north[0, 30], path.east[0, 30] + 60.0))
+        for area in (swept_area(path[0], HULL), swept_region(path[0], HULL))
+    )
+    buoy = Point(path.north[0, 30], path.east[0, 30] + 60.0)
+    notes, choice = notes_of(path, [0.0], (buoy, (hull + bound) / 2), [])
+    assert bound < hull
+    assert (notes[0]["clears"], choice["clears"]) == (False, False)
+    np.testing.assert_allclose([notes[0]["clearance_m"], notes[0]["region_clearance_m"]], [hull, bound], atol=0.02)
+    bare = replace(path, spread=None)
+    notes, _ = notes_of(bare, [0.0], (buoy, (hull + bound) / 2), [])
+    assert notes[0]["clears"]
+    assert "region_clearance_m" not in notes[0]
+
+
+def test_soonest_of_those_that_clear_is_chosen():
+    """Oracle: the least time past of all that clear, taken from the notes."""
+    paths, said = flagship().fan(now(), ORDERS), []
+    buoy = Point(paths.north[2, 20] + 150.0, paths.east[2, 20])
+    notes, choice = fans.judged(paths, ORDERS, now(), (buoy, 10.0), said.append, soonest=True)
+    times = [n["past_s"] for n in notes if n["clears"] and n["past_s"] is not None]
+    assert times
+    assert (choice["past_s"], choice["clears"]) == (min(times), True)
+    assert said[0].endswith(f"past at {min(times):.1f} s")
 
 
 def test_fan_without_a_target_has_orders_only():

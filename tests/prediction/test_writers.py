@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -9,7 +10,8 @@ import pytest
 from shapely.geometry import shape
 
 from aspnn.frames import Zone, to_grid
-from aspnn.motion import integrate
+from aspnn.motion import Spread, integrate
+from aspnn.motion.spread import disc, strip
 from aspnn.prediction import writers
 from aspnn.records import States
 from aspnn.schema import InputError
@@ -60,6 +62,44 @@ def test_geojson_is_where_the_hull_is():
         polygon = shape(hull["geometry"])
         assert polygon.is_valid
         assert polygon.exterior.is_ccw
+
+
+def spread_path(sd_north: float, sd_east: float, heading: float):
+    """PATH with Gaussian regions of these standard deviations [m, rad], the same at every step."""
+    shape = PATH.north.shape
+    levels = np.array([0.5, 0.95, 0.99])
+    spread = Spread(
+        np.broadcast_to(np.diag([sd_north**2, sd_east**2, heading**2]), (*shape, 3, 3)),
+        *(np.array(False), levels),
+        *(np.broadcast_to([f(p) for p in levels], (*shape, 3)) for f in (disc, strip)),
+    )
+    return replace(PATH, convergence=np.asarray(0.02), spread=spread)
+
+
+def test_regions_are_written():
+    """By hand: a Gaussian's 95 % ellipse has half axes 2.448 sd, its major one here to grid east, so 90 deg and the convergence true."""
+    path = spread_path(1.0, 3.0, 0.01)
+    found = json.loads(writers.to_json(path, states(), "flagship"))
+    assert found["outside_training"] is False
+    expected = {
+        "region_95_major_m": 3 * 2.4477,
+        "region_95_minor_m": 2.4477,
+        "heading_95_deg": 0.01 * 1.95996 * 57.29578,
+    }
+    for name, value in expected.items():
+        np.testing.assert_allclose(found["path"][name], value, rtol=1e-4)
+    turned = np.degrees(path.true_heading - path.heading)
+    np.testing.assert_allclose(found["path"]["region_95_azimuth_true_deg"], 90 + turned, atol=1e-6)
+    places = json.loads(writers.to_geojson(path, states(), "flagship"))["features"]
+    regions = [f for f in places if f["properties"]["kind"] == "region"]
+    assert [f["properties"]["time_s"] for f in regions] == [15, 30, 45, 60, 75, 90]
+    for feature in regions:
+        longitude, latitude = np.radians(np.array(feature["geometry"]["coordinates"][0]).T)
+        ring = np.array(to_grid(latitude, longitude, Zone(33))).T
+        k = int(feature["properties"]["time_s"])
+        far = np.hypot((ring[:, 0] - path.north[k]) / 2.4477, (ring[:, 1] - path.east[k]) / (3 * 2.4477))
+        np.testing.assert_allclose(far, 1.0, atol=2e-3)
+    assert "region_95_major_m" not in json.loads(writers.to_json(PATH, states(), "flagship"))["path"]
 
 
 def test_local_positions_have_no_geojson():
