@@ -65,13 +65,28 @@ class States:
     voyage: str = ""
     smoothed: bool = False
     path: str = ""
+    columns: dict[str, np.ndarray] | None = field(default=None, init=False, repr=False, compare=False)  # see `read`
 
     def __len__(self) -> int:
         return len(self.table)
 
     def __getitem__(self, column: str) -> np.ndarray:
         """One column as a float64 array; `states["surge_m_s"]`."""
-        return self.table[column].to_numpy(dtype=float)
+        return self.table[column].to_numpy(dtype=float) if self.columns is None else self.columns[column]
+
+    def read(self, first: int = 0) -> "States":
+        """The states from row `first` on with all columns taken out of the table at once, for whoever reads many or often.
+
+        What is written into the table of these states later on is not seen; states made of them (`replace`) read anew.
+        """
+        if self.columns is not None and first == 0:
+            return self
+        table = self.table.iloc[first:]
+        values = table.to_numpy(dtype=float).T
+        values.flags.writeable = False
+        states = replace(self, table=table)
+        object.__setattr__(states, "columns", dict(zip(table.columns.tolist(), values, strict=True)))
+        return states
 
     def until(self, time: float) -> "States":
         """The states known at `time` [s]: everything up to and including it."""
@@ -285,22 +300,28 @@ def read_truth(log: Log) -> pd.DataFrame | None:
     return table
 
 
+MADE = (".truth.parquet", ".states.parquet", ".smoothed.parquet")  # endings of what is no log
+
+
 def log_files(sources: Iterable[str | Path]) -> list[Path]:
-    """Canonical log files among files and folders, sorted; truth files are never logs. Raises InputError if none."""
+    """Canonical log files among files and folders, sorted. Raises InputError if none.
+
+    What is made beside or of a log (truth, states) is never one, so that the pattern *.parquet of a shell names logs alone.
+    """
     found: list[Path] = []
     for source in map(Path, sources):
         if source.is_dir():
             inside = sorted(
                 p for p in source.rglob("*") if p.suffix in (".parquet", ".csv") and not p.name.startswith(".")
             )
-            inside = [p for p in inside if not p.name.endswith((".truth.parquet", ".states.parquet"))]
+            inside = [p for p in inside if not p.name.endswith(MADE)]
             if not inside:
                 raise InputError(f"{source}: holds no log (.parquet or .csv)")
             found += inside
         elif not source.exists():
             raise InputError(f"{source}: no such file or folder")
-        else:
+        elif not source.name.endswith(MADE):
             found.append(source)
     if not found:
-        raise InputError("no log was given")
+        raise InputError("no log was given; truth and states are none")
     return found

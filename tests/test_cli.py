@@ -122,6 +122,16 @@ def test_training_repeats_bit_by_bit(place, tmp_path):
     assert first == second == records.sha256(tmp_path / "copy" / "model.safetensors")
 
 
+@pytest.mark.parametrize("stream", [False, True])
+def test_logs_by_absolute_path_and_streamed(place, tmp_path, stream):
+    """Oracle: the weights of the training that simulated the same voyages and held their windows in memory."""
+    named = f'logs = ["{place}/logs/*.parquet"]\nstream = {str(stream).lower()}'
+    (tmp_path / "logs.toml").write_text(TRAINING.replace('scenario = "scenario.toml"', named))
+    assert run("train", tmp_path / "logs.toml", "--out", tmp_path / "run", "--quiet") == (0, "")
+    first, second = (records.sha256(p / "checkpoint" / "model.safetensors") for p in (place / "run", tmp_path / "run"))
+    assert first == second
+
+
 def test_members_are_the_seeds_that_follow(place, tmp_path):
     """Oracle: single trainings with those seeds; an ensemble of two holds exactly their weights."""
     config = place / "two.toml"

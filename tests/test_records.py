@@ -246,3 +246,17 @@ def test_states_until_know_nothing_later():
     assert len(states.until(1.95)) == 20 and len(states.until(1e9)) == ROWS
     np.testing.assert_array_equal(states.until(2.0)["surge_m_s"], states["surge_m_s"][:21])
     says("nothing is known at -1 s, the first state is at 0 s", states.until, -1.0)
+
+
+def test_states_read_at_once_are_those_of_the_table():
+    """Oracle: the table itself, column by column, also of a part; changed states are read anew."""
+    states = some_states()
+    part = states.read(1)
+    assert part.read() is part
+    for name in states.table.columns:
+        np.testing.assert_array_equal(part[name], states[name][1:])
+    with pytest.raises(ValueError, match="read-only"):
+        part["time_s"][0] = 1.0
+    other = replace(part, table=part.table.assign(surge_m_s=7.0))
+    assert (other["surge_m_s"] == 7.0).all()
+    assert len(part.until(float(part["time_s"][0]))) == 1
