@@ -1,7 +1,6 @@
 """Orders: what was (or will be) asked of the rudder or the shaft, held until the next order, and the servo that follows."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -43,28 +42,34 @@ class Orders:
         times = np.concatenate([[0.0], self.times[inside] - start])
         return Orders(times, np.concatenate([[self.at(start)], self.values[inside]]))
 
-    def servo(self, time, start: float, rate: float) -> np.ndarray:
-        """What a servo of limited `rate` [per s] makes of the orders, from `start` at the first of `time` [s], exactly.
+    def after(self, before: "Orders") -> "Orders":
+        """These orders from their first time on, those of `before` until then."""
+        earlier = before.times < self.times[0] - 1e-9
+        return Orders(
+            np.concatenate([before.times[earlier], self.times]), np.concatenate([before.values[earlier], self.values])
+        )
 
-        It moves towards the order in force at the full rate until it is reached; `time` must rise.
+    def servo(
+        self, time, start: float, rate: float, lag: float = 0.0, delay: float = 0.0, dead_band: float = 0.0
+    ) -> np.ndarray:
+        """What a servo makes of the orders, from `start` at the first of `time` [s], exactly; `time` must rise.
+
+        x' = clip((order - x) / lag, -rate, rate), each order heard `delay` [s] late: towards the order at the full `rate`
+        [per s] until it is reached, with a `lag` [s] down to a difference of rate x lag, which then dies out exponentially.
+        It comes to rest `dead_band` short of the order, and does not start for one that is no further.
         """
-        time = np.asarray(time, float)
-        later = self.times[self.times > time[0] + 1e-9]
-        instants = np.concatenate([[time[0]], later, [np.inf]])
-        knots_t, knots_v, value = [time[0]], [float(start)], float(start)
-        for begin, end in pairwise(instants):
-            order = float(self.at(begin))
-            reached = begin + abs(order - value) / rate
-            if reached < end:
-                knots_t.append(reached)
-                knots_v.append(order)
-                value = order
-            else:
-                value += np.sign(order - value) * rate * (end - begin)
-            if np.isfinite(end):
-                knots_t.append(end)
-                knots_v.append(value)
-        return np.interp(time, knots_t, knots_v)
+        time, heard = np.asarray(time, float), self.times + delay
+        later = (heard > time[0] + 1e-9) & (heard < time[-1])
+        bounds = np.concatenate([time[:1], heard[later], time[-1:]])
+        orders = [float(self.at(time[0] - delay)), *self.values[later].tolist()]
+        rows = [0, *np.searchsorted(time, heard[later]), len(time)]
+        found, value = np.empty(len(time)), float(start)
+        for k, order in enumerate(orders):
+            part = slice(rows[k], rows[k + 1])
+            instants = np.append(time[part], bounds[k + 1]) - bounds[k]
+            moved = _moved(value, order, instants, rate, lag, dead_band)
+            found[part], value = moved[:-1], float(moved[-1])
+        return found
 
     def changes(self, at_least: float, apart: float) -> np.ndarray:
         """Times [s] of the changes of at least `at_least`, each at least `apart` [s] after the one before it.
@@ -79,6 +84,19 @@ class Orders:
         """Whether the order stays within `tolerance` of that at `start` until `end` [s]."""
         inside = (self.times > start + 1e-9) & (self.times < end - 1e-9)
         return bool(np.all(np.abs(self.values[inside] - self.at(start)) < tolerance - 1e-9))
+
+
+def _moved(start: float, order: float, time: np.ndarray, rate: float, lag: float, dead_band: float) -> np.ndarray:
+    """Where a servo is `time` [s] after it stood at `start`, its order unchanged: a ramp, then an exponential."""
+    way = abs(order - start)
+    if way <= dead_band:
+        return np.full(len(time), start)
+    near = min(way, rate * lag) if lag > 0 else 0.0
+    ramp = (way - near) / rate
+    left = rate * np.clip(ramp - time, 0.0, None) if ramp > 0 else np.zeros(len(time))
+    if lag > 0:
+        left = left + near * np.exp(-np.clip(time - ramp, 0.0, None) / lag)
+    return order - np.copysign(np.maximum(left, dead_band), order - start)
 
 
 @dataclass(frozen=True)
