@@ -238,6 +238,25 @@ def calibrate(
 
 
 @app.command()
+def choose(
+    checkpoint: Checkpoint,
+    logs: Logs,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for a copy with the choice; without it the checkpoint itself.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Choose on voyages that did not train a checkpoint where kinematics serve better; its weights stay as they are."""
+    from aspnn.evaluation.choose import table
+    from aspnn.workflow import choose_files, silent
+
+    found = choose_files(checkpoint, logs, out, lambda line: say(quiet, line), silent if quiet else watch)
+    say(quiet, table(found))
+    if not found.idle:
+        say(quiet, f"chosen: {out or checkpoint}")
+
+
+@app.command()
 def evaluate(
     checkpoint: Checkpoint,
     logs: Logs,

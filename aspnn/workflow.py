@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from glob import glob
 from pathlib import Path
 
 import numpy as np
@@ -182,7 +183,9 @@ def training_logs(training: Training, watch: Watch = silent) -> Iterator[Log]:
         yield from (log for log, _ in watch(simulate_scenario(scenario, count), "simulating", count))
         return
     sources = [
-        path for pattern in data.logs for path in sorted(training.folder.glob(pattern)) or [training.folder / pattern]
+        training.folder / path  # an absolute one stays as it is
+        for pattern in data.logs
+        for path in sorted(glob(pattern, root_dir=training.folder, recursive=True)) or [pattern]
     ]
     files = [file for file in records.log_files(sources) if not any(word in file.name for word in data.exclude)]
     for file in watch(files, "filtering", len(files)):
@@ -290,10 +293,57 @@ def calibrate_files(
             log = records.read_log(file)
             yield Voyage.of(log, filter_log(log), smooth_log)
 
-    found = calibrate(predictor, voyages(), Rule.of(bundle.vessel), bundle.provenance["training_voyages"])
+    taught = [*bundle.provenance["training_voyages"], *chosen_on(bundle)]
+    found = calibrate(predictor, voyages(), Rule.of(bundle.vessel), taught)
     bundle = replace(bundle, calibration=found.to_dict())
     write_calibration(bundle, checkpoint, out or checkpoint, model_card(bundle))
     return found
+
+
+def choose_files(
+    checkpoint: str | Path,
+    logs: Sequence[str | Path],
+    out: str | Path | None = None,
+    tell: Callable[[str], None] = lambda line: None,
+    watch: Watch = silent,
+):
+    """Fix on logs what a checkpoint leaves to kinematics, in place or in a copy (`out`); returns the HybridChoice.
+
+    The weights stay as they are. A calibration, made without this choice, goes, which `tell` gets a line on. Where kinematics are
+    nowhere better nothing is written. Raises InputError for voyages that trained it, and for too few.
+    """
+    from aspnn.evaluation.choose import choose
+    from aspnn.evaluation.reference import Voyage
+    from aspnn.evaluation.windows import Rule
+    from aspnn.learning.card import model_card
+    from aspnn.learning.checkpoint import read_bundle, write_choice
+    from aspnn.prediction.gru import GruPredictor
+
+    files = records.log_files(logs)
+    bundle = read_bundle(checkpoint)
+    network = GruPredictor(replace(bundle, choice=None, calibration=None), bundle.region_map)
+
+    def voyages() -> Iterator[Voyage]:
+        for file in watch(files, "predicting", len(files)):
+            log = records.read_log(file)
+            yield Voyage.of(log, filter_log(log), smooth_log)
+
+    found = choose(network, voyages(), Rule.of(bundle.vessel), bundle.provenance["training_voyages"])
+    if found.idle and bundle.choice is None:
+        tell(f"{checkpoint}: kinematics are nowhere better than the network; nothing was written")
+        return found
+    if bundle.calibration is not None:
+        tell(
+            f"{bundle.name}: its regions were calibrated without this choice and are dropped; run `aspnn calibrate` again"
+        )
+    bundle = replace(bundle, choice=None if found.idle else found.to_dict(), calibration=None)
+    write_choice(bundle, checkpoint, out or checkpoint, model_card(bundle))
+    return found
+
+
+def chosen_on(bundle) -> list[str]:
+    """The voyages that the choice of a checkpoint was fixed on."""
+    return list((bundle.choice or {}).get("facts", {}).get("voyages", ()))
 
 
 def evaluate_files(
@@ -306,6 +356,8 @@ def evaluate_files(
     watch: Watch = silent,
 ):
     """Evaluate checkpoints beside the three baselines and, where there is truth, the oracle, on the same windows.
+
+    A checkpoint with a choice has its network alone as a further predictor, NAME-network.
 
     Writes the HTML report and metrics.json where named, and returns the Evaluation. Raises InputError.
     """
@@ -335,7 +387,8 @@ def evaluate_files(
             names.add(log.voyage)
             yield Voyage.of(log, filter_log(log), smooth_log)
 
-    predictors: list[Predicts] = [*learned, *baselines(vessel, rule.horizon)]
+    networks = [p.alone for p in learned if p.choice is not None]
+    predictors: list[Predicts] = [*learned, *networks, *baselines(vessel, rule.horizon)]
     result = evaluate(predictors, voyages(), rule, seed, Oracle.of if oracle else None)
     result = replace(result, warnings=tuple(line for p in learned for line in _leaks(p.bundle, names)))
     if metrics:
@@ -351,6 +404,10 @@ def _leaks(bundle, names: set[str]) -> Iterator[str]:
     if taught:
         some = ", ".join(sorted(taught)[:3]) + (", ..." if len(taught) > 3 else "")
         yield f"{len(taught)} of {len(names)} voyages taught {bundle.name} ({some}); its errors on them say nothing of new ones"
+    chosen = names & {*chosen_on(bundle)}
+    if chosen:
+        some = ", ".join(sorted(chosen)[:3]) + (", ..." if len(chosen) > 3 else "")
+        yield f"the choice of {bundle.name} was fixed on {len(chosen)} of {len(names)} voyages ({some}); its errors on them flatter it"
     measured = names & {*(bundle.calibration or {}).get("facts", {}).get("voyages", ())}
     if measured:
         some = ", ".join(sorted(measured)[:3]) + (", ..." if len(measured) > 3 else "")
@@ -455,7 +512,7 @@ def predict_file(
     (LAT,LON@METRES or FILE.geojson@METRES) and has `tell` say which order does, with `soonest` the one that is past first;
     `swept` adds the swept area.
     """
-    from aspnn.prediction import Predictor, writers
+    from aspnn.prediction import Predictor, monitor, writers
     from aspnn.prediction import fan as fans
 
     if fan is not None and rudder is not None:
@@ -484,6 +541,9 @@ def predict_file(
     target = None if clear is None else fans.parse_clear(clear, now.zone)
     plan = None if rudder is None else parse_plan(rudder)
     path = predictor.predict(now, plan) if orders is None else fans.fan(predictor, now, orders)
+    unfit = None if path.spread is None else monitor.warning(path.spread, predictor.name)
+    if unfit is not None:
+        tell(unfit)
     if horizon is not None:
         path = path.at(path.time[path.time <= horizon + 1e-9])
     if orders is not None:

@@ -11,9 +11,12 @@ from aspnn import __version__
 from aspnn.angles import difference
 from aspnn.evaluation.reference import Voyage
 from aspnn.evaluation.windows import Rule, find_starts
+from aspnn.learning.windows import WindowSpec
 from aspnn.motion import Path
 from aspnn.orders import Plan
 from aspnn.prediction.calibration import VOYAGES, fit_correlation, fit_variance, scores, with_factors
+from aspnn.prediction.monitor import MARKS, Ended, ended, marks, misfit, usual_fit, widening
+from aspnn.prediction.monitor import errors as monitor_errors
 from aspnn.prediction.uncertainty import FULL, LEVELS, MEASURED, Calibration, axes, drivers, population, shape
 from aspnn.records import States
 from aspnn.schema import InputError
@@ -34,12 +37,19 @@ class Carries(Protocol):
     @property
     def horizon(self) -> float: ...
 
+    @property
+    def spec(self) -> WindowSpec: ...
+
     def predict_carried(self, states: States, rows: np.ndarray, plans: Sequence[Plan]) -> tuple[Path, np.ndarray]: ...
 
 
 @dataclass(frozen=True)
 class _Part:
-    """The windows of one voyage at the knots: path, covariance by the filter's errors, errors (n, knots, 3) in grid axes."""
+    """The windows of one voyage at the knots: path, covariance by the filter's errors, errors (n, knots, 3) in grid axes.
+
+    `past` are the predictions that had ended by the start of each, with path and covariance at the knots, and their errors and
+    the variances of these as `monitor.errors` gives them.
+    """
 
     path: Path
     carried: np.ndarray
@@ -49,6 +59,16 @@ class _Part:
     populations: np.ndarray
     voyage: int
     measured: np.ndarray
+    past: Ended
+    past_path: Path
+    past_carried: np.ndarray
+    past_angle: np.ndarray
+    past_errors: tuple[np.ndarray, np.ndarray]
+
+    def misfit(self, calibration: Calibration) -> np.ndarray:
+        """How far off (n, MARKS, 2) the past predictions of each window were, as `monitor.misfit`."""
+        usual = shape(calibration, self.past_path, self.past_carried, self.past.plans, self.past_angle)
+        return misfit(self.past.start, *self.past_errors, usual[:, marks(self.past_path.time)], len(self.angle))
 
 
 def calibrate(predictor: Carries, voyages: Iterable[Voyage], rule: Rule, taught: Iterable[str]) -> Calibration:
@@ -99,10 +119,14 @@ def calibrate(predictor: Carries, voyages: Iterable[Voyage], rule: Rule, taught:
         domain=domain,
         settled=rule.steady_before,
         drift=float(np.sqrt(np.mean([np.mean(part.errors[:, KNOTS // 3, :2] ** 2) for part in parts]))),
+        usual=np.ones((len(MARKS), 2)),
+        limit=float("nan"),
         facts={},
     )
-    marks = [scores(part.errors, shape(found, part.path, part.carried, part.plans, part.angle)) for part in scaling]
-    position, heading = (np.concatenate(values) for values in zip(*marks, strict=True))
+    usual, limit = usual_fit(np.concatenate([part.misfit(found) for part in shaping]))
+    found = replace(found, usual=usual, limit=limit)
+    found_scores = [scores(part.errors, _covariance(found, part)) for part in scaling]
+    position, heading = (np.concatenate(values) for values in zip(*found_scores, strict=True))
     populations = np.concatenate([part.populations for part in scaling])
     of = np.repeat([part.voyage for part in scaling], [len(part.angle) for part in scaling])
     facts: dict[str, Any] = {
@@ -122,24 +146,38 @@ def _measure(predictor: Carries, voyage: Voyage, rule: Rule, knots: np.ndarray, 
     rows, plans = starts.rows, starts.plans
     if not len(rows):
         return None
-    path, carried = predictor.predict_carried(states, rows, plans)
+    past, n = ended(states, rows, predictor.spec), len(rows)
+    path, carried = predictor.predict_carried(states, np.concatenate([rows, past.rows]), [*plans, *past.plans])
     columns = np.array([np.argmin(np.abs(path.time - knot)) for knot in knots])
     truth = voyage.reference.path(states["time_s"][rows], path.time[columns])
-    path = path.at(path.time[columns])
+    both, carried = path.at(path.time[columns]), carried[:, columns]
+    path, gone = both[:n], both[n:]
     errors = [path.north - truth.north, path.east - truth.east, difference(path.heading, truth.heading)]
     kinds = [
         population(states, int(r), plan, rule.horizon, rule.steady_before) for r, plan in zip(rows, plans, strict=True)
     ]
     return _Part(
         path=path,
-        carried=carried[:, columns],
+        carried=carried[:n],
         errors=np.stack(errors, axis=-1),
         plans=plans,
         angle=states["rudder_angle_rad"][rows],
         populations=np.array(kinds),
         voyage=number,
         measured=np.stack([states[column][rows] for column in MEASURED], axis=-1),
+        past=past,
+        past_path=gone,
+        past_carried=carried[n:],
+        past_angle=states["rudder_angle_rad"][past.rows],
+        past_errors=monitor_errors(past, gone, states),
     )
+
+
+def _covariance(calibration: Calibration, part: _Part) -> np.ndarray:
+    """Covariance (n, knots, 3, 3) of the windows of a part before it is scaled."""
+    wider = widening(part.misfit(calibration), calibration.usual, calibration.time)
+    usual = shape(calibration, part.path, part.carried, part.plans, part.angle)
+    return usual * wider[..., :, None] * wider[..., None, :]
 
 
 def _shaped(parts: Sequence[_Part]) -> tuple[np.ndarray, np.ndarray]:

@@ -38,6 +38,7 @@ class Coverage:
     area: float
     width: float
     outside: float  # share of predictions beyond the predictor's domain
+    unfit: float  # share of predictions whose predictor did not fit the ship of the last minutes
 
 
 def share(inside: np.ndarray, voyage: np.ndarray, seed: int) -> Share:
@@ -77,7 +78,8 @@ def coverage(evaluation: "Evaluation", name: str, group: str, horizon: float, le
         return None
     here = rows, np.full(len(rows), column)
     at = {name: getattr(spread, name)[here] for name in ("covariance", "position", "heading")}
-    found = region(path.north[here], path.east[here], replace(spread, outside=spread.outside[rows], **at), level)
+    whole = {name: getattr(spread, name)[rows] for name in ("outside", "misfit")}
+    found = region(path.north[here], path.east[here], replace(spread, **whole, **at), level)
     voyage = evaluation.voyages(rows)
     place = found.contains(reference.north[here], reference.east[here])
     turn = np.abs(difference(path.heading[here], reference.heading[here])) <= found.heading
@@ -87,6 +89,7 @@ def coverage(evaluation: "Evaluation", name: str, group: str, horizon: float, le
         area=float(np.median(found.area)),
         width=float(np.median(found.heading)),
         outside=float(np.mean(spread.outside[rows])),
+        unfit=float(np.mean(~spread.fits[rows])),
     )
 
 
@@ -109,6 +112,7 @@ def coverage_metrics(evaluation: "Evaluation", groups: tuple[str, ...]) -> tuple
                         "area_median_m2": c.area,
                         "heading_half_width_median_deg": float(np.degrees(c.width)),
                         "outside": c.outside,
+                        "unfit": c.unfit,
                     }
                     for horizon, c in known.items()
                 }
@@ -120,5 +124,6 @@ def stacked(paths: list[Path]) -> Spread | None:
     spreads = [path.spread for path in paths if path.spread is not None]
     if len(spreads) < len(paths):
         return None
-    names = ("covariance", "outside", "position", "heading")
-    return replace(spreads[0], **{name: np.concatenate([getattr(s, name) for s in spreads]) for name in names})
+    names = ("covariance", "outside", "position", "heading", "misfit")
+    values: dict[str, Any] = {name: np.concatenate([getattr(s, name) for s in spreads]) for name in names}
+    return replace(spreads[0], **values)

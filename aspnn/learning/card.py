@@ -1,5 +1,7 @@
 """The model card of a checkpoint, rendered from what it was made of."""
 
+from typing import Any
+
 from aspnn.learning.checkpoint import Bundle
 
 
@@ -19,15 +21,21 @@ def model_card(bundle: Bundle) -> str:
         "network": f"{training['network']['kind']}, {sum(p.numel() for p in bundle.network.parameters())} weights",
         "trained on": f"{len(facts['training_voyages'])} voyages, {facts['training_windows']} windows",
         "validated on": f"{len(facts['validation_voyages'])} other voyages, {facts['validation_windows']} windows",
-        "training": f"{training['fit']['epochs']} epochs of batches of {training['fit']['batch']}, seed {training['fit']['seed']}",
+        "training": f"batches of {training['fit']['batch']}, seed {training['fit']['seed']}",
         "made by": f"`aspnn train training/{bundle.name}.toml`, aspnn {facts['aspnn']}, torch {facts['torch']}",
     }
     if bundle.calibration is not None:
         counts = bundle.calibration["facts"]["populations"]
         of = ", ".join(f"{name} {count['windows']}" for name, count in counts.items())
         rows["regions"] = f"calibrated on {len(bundle.calibration['facts']['voyages'])} other voyages; windows {of}"
+    if bundle.choice is not None:
+        kinematic, count = bundle.choice["kinematic"], len(bundle.choice["facts"]["voyages"])
+        rows["choice"] = f"mixed with {kinematic} where that is better; fixed on {count} other voyages"
+    if bundle.servos is not None:
+        rows |= bundle.servos.lines()
     source = training["data"]["scenario"] or ", ".join(training["data"]["logs"])
     rows["trained on"] = f"{source}: {rows['trained on']}"
+    rows["training"] = f"{_epochs(facts, training)}{rows['training']}"
     table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
     return f"""# {bundle.name}
 
@@ -44,9 +52,39 @@ Outside this range of inputs (SI units, radians) the network extrapolates.
 | input | lowest | highest |
 |---|---|---|
 {domain}
-
+{_curves(facts)}
 ## Limits
 
 Decision support, not type-approved. It knows this vessel in this loading, in the water and weather of its data; it knows
 nothing of other ships or the shore. `aspnn evaluate` measures it on your own logs.
 """
+
+
+def _epochs(facts: dict[str, Any], training: dict[str, Any]) -> str:
+    """The epochs of every network in turn; a checkpoint that was made without its curves knows only those of its file."""
+    counts = {name: len(next(iter(curve.values()), ())) for name, curve in facts.get("curves", {}).items()}
+    if len(counts) < 2:
+        return f"{training['fit']['epochs']} epochs of "
+    return f"{', then '.join(f'{count} epochs ({name})' for name, count in counts.items())}, of "
+
+
+def _curves(facts: dict[str, Any]) -> str:
+    """How the losses fell, a row per network and curve: after its first, its middle and its last epoch, and at the lowest."""
+    if not facts.get("curves"):
+        return ""
+    lines = [
+        "",
+        "## How it learned",
+        "",
+        "| network | loss | first epoch | middle | last | lowest |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, curve in facts["curves"].items():
+        for loss, values in curve.items():
+            shown = values[0], values[len(values) // 2], values[-1]
+            cells = " | ".join(f"{value:.4g}" for value in shown)
+            lowest = min(range(len(values)), key=values.__getitem__)
+            lines.append(
+                f"| {name} | {loss.removesuffix('_loss')} | {cells} | {values[lowest]:.4g} (epoch {lowest + 1}) |"
+            )
+    return "\n".join([*lines, ""])

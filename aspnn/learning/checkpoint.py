@@ -16,8 +16,10 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import nn
 
+from aspnn.learning.corrected import CorrectedShip, CorrectedSizes
 from aspnn.learning.identified import HybridGru, HybridSizes, IdentifiedShip, IdentifiedSizes
 from aspnn.learning.network import RolloutEnsemble, RolloutGru, RolloutSizes, ThesisGru, ThesisSizes
+from aspnn.learning.servo import Servos
 from aspnn.learning.windows import WindowSpec
 from aspnn.records import atomic, sha256
 from aspnn.schema import InputError
@@ -30,6 +32,7 @@ KINDS: dict[str, tuple[type, type]] = {
     "thesis": (ThesisGru, ThesisSizes),
     "identified": (IdentifiedShip, IdentifiedSizes),
     "hybrid": (HybridGru, HybridSizes),
+    "corrected": (CorrectedShip, CorrectedSizes),
 }
 
 
@@ -45,6 +48,8 @@ class Bundle:
     domain: dict[str, list[float]] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
     calibration: dict[str, Any] | None = None  # of `aspnn calibrate`: see prediction.uncertainty
+    servos: Servos | None = None  # as identified in training; None: the rudder's rate of the vessel file
+    choice: dict[str, Any] | None = None  # of `aspnn choose`: see prediction.choice
 
 
 def build(kind: str, sizes: dict[str, Any]) -> nn.Module:
@@ -71,13 +76,24 @@ def write_calibration(bundle: Bundle, source: str | Path, folder: str | Path, ca
 
     The weights are those of `source`, byte by byte; each file is whole or absent, the config comes last.
     """
+    _rewrite(source, folder, card, {"calibration": bundle.calibration})
+
+
+def write_choice(bundle: Bundle, source: str | Path, folder: str | Path, card: str) -> None:
+    """Write the choice of `bundle`, as `write_calibration` does; a calibration of the paths without it goes."""
+    _rewrite(source, folder, card, {"choice": bundle.choice, "calibration": None})
+
+
+def _rewrite(source: str | Path, folder: str | Path, card: str, changes: dict[str, Any]) -> None:
+    """The checkpoint `source` in `folder` with `changes` of its config; what is changed to None goes."""
     source, folder = Path(source), Path(folder)
     if folder.resolve() != source.resolve():
         with atomic(folder / "model.safetensors") as temporary:
             shutil.copyfile(source / "model.safetensors", temporary)
     with atomic(folder / "MODEL_CARD.md") as temporary:
         temporary.write_text(card)
-    _write_config(folder, json.loads((source / "config.json").read_text()) | {"calibration": bundle.calibration})
+    config = json.loads((source / "config.json").read_text()) | changes
+    _write_config(folder, {key: value for key, value in config.items() if value is not None or key not in changes})
 
 
 def _config(bundle: Bundle, kind: str, digest: str) -> dict[str, Any]:
@@ -93,7 +109,9 @@ def _config(bundle: Bundle, kind: str, digest: str) -> dict[str, Any]:
         "provenance": bundle.provenance,
         "model_sha256": digest,
     }
-    return config if bundle.calibration is None else config | {"calibration": bundle.calibration}
+    servos = None if bundle.servos is None else bundle.servos.to_dict()
+    found = {"servo": servos, "calibration": bundle.calibration, "choice": bundle.choice}
+    return config | {key: value for key, value in found.items() if value is not None}
 
 
 def _write_config(folder: Path, config: dict[str, Any]) -> None:
@@ -141,6 +159,8 @@ def read_bundle(folder: str | Path) -> Bundle:
             domain=config["domain"],
             provenance=config["provenance"],
             calibration=config.get("calibration"),
+            servos=Servos.from_dict(config["servo"]) if "servo" in config else None,
+            choice=config.get("choice"),
         )
     except (KeyError, TypeError, RuntimeError, SafetensorError) as error:
         raise InputError(

@@ -92,14 +92,35 @@ class IdentifiedNet(BaseModel):
 
 
 class HybridNet(BaseModel):
-    """An identified ship, trained first, and the GRU that learns its residual; `fit` then trains both together."""
+    """An identified ship, trained first, and the GRU that learns its residual; `fit` then trains both together.
+
+    The ship learns at its own rate when it is alone, and beside the GRU at `ship_share` of the rate of `fit`.
+    """
 
     model_config = STRICT
     kind: Literal["hybrid"]
     latent: int = Field(24, ge=4, le=1024)
     ridge: float = Field(1e-6, gt=0)
     ship_epochs: int = Field(ge=1)
+    ship_learning_rate: float = Field(1e-3, gt=0)
+    ship_share: float = Field(0.02, ge=0, le=1)
     wind: bool = False
+    position_tolerance_m: Pair
+    heading_tolerance_deg: Pair
+    velocity_tolerance_m_s: float = Field(gt=0)
+
+
+class CorrectedNet(BaseModel):
+    """An identified ship, trained first, and GRUs that learn what its roll-outs leave over; `fit` trains these alone."""
+
+    model_config = STRICT
+    kind: Literal["corrected"]
+    latent: int = Field(24, ge=4, le=1024)
+    ridge: float = Field(1e-6, gt=0)
+    ship_epochs: int = Field(0, ge=0)  # none: the ship stays as the regression found it
+    ship_learning_rate: float = Field(1e-3, gt=0)
+    wind: bool = False
+    members: int = Field(1, ge=1, le=20)  # GRUs, with seeds that follow each other; the mean of them corrects
     position_tolerance_m: Pair
     heading_tolerance_deg: Pair
     velocity_tolerance_m_s: float = Field(gt=0)
@@ -161,7 +182,7 @@ class Training(BaseModel):
     about: str = ""
     data: Data
     windows: Cut
-    network: Annotated[RolloutNet | ThesisNet | IdentifiedNet | HybridNet, Field(discriminator="kind")]
+    network: Annotated[RolloutNet | ThesisNet | IdentifiedNet | HybridNet | CorrectedNet, Field(discriminator="kind")]
     fit: Fit
     search: dict[str, Range | Choices] = {}
     folder: Path = Path(".")  # of the training file; its paths start here

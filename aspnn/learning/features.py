@@ -1,19 +1,20 @@
 """Features: what a network may see of the states, by name, in SI and radians. None holds an absolute position.
 
-The rudder angle among the forcings is the plan sent through the vessel's rudder servo from the angle at the start, in
-training as in use, so a network never sees a future measurement.
+The rudder angle among the forcings is the plan sent through the ship's rudder servo from the angle at the start, in
+training as in use, so a network never sees a future measurement. Likewise the shaft speed, where its servo is known.
 """
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from aspnn.angles import compass
 from aspnn.frames import to_body
-from aspnn.orders import Plan
+from aspnn.learning.servo import Servos
+from aspnn.orders import Orders, Plan
 from aspnn.records import States
 from aspnn.schema import InputError
-from aspnn.vessel import Vessel
 
 
 def _tangential(s: States) -> np.ndarray:
@@ -98,20 +99,54 @@ def history(states: States, rows: np.ndarray, names: Sequence[str], steps: int, 
     return np.stack(columns, axis=-1)
 
 
-def forcing(vessel: Vessel, rudder_angle: float, shaft_speed: float, plan: Plan, names: Sequence[str], time):
-    """Forcings (steps, features) at `time` [s] from the start, of one plan, float64.
+class Begin(NamedTuple):
+    """Rudder angle [rad] and shaft speed [rev/s] at a start, and the orders before it that their servos have not heard yet."""
 
-    `rudder_angle` [rad] and `shaft_speed` [rev/s] are those at the start. Raises InputError when a forcing is unknown.
-    """
+    rudder_angle: float
+    shaft_speed: float
+    rudder: Orders | None = None
+    shaft: Orders | None = None
+
+
+def begins(servos: Servos, states: States, rows: np.ndarray) -> list[Begin]:
+    """What the plans of predictions from each of `rows` begin with."""
+    angle, shaft = states["rudder_angle_rad"][rows], states["shaft_speed_rps"][rows]
+    orders = [_unheard(states, rows, "rudder_order_rad", servos.rudder.servo.delay)]
+    orders.append(_unheard(states, rows, "engine_order_rps", servos.shaft.servo.delay if servos.shaft else 0.0))
+    return [Begin(*each) for each in zip(angle, shaft, *orders, strict=True)]
+
+
+def _unheard(states: States, rows: np.ndarray, name: str, delay: float) -> list[Orders | None]:
+    """The orders of the last `delay` [s] before each of `rows`, their times counted from there."""
+    if delay == 0:
+        return [None] * len(rows)
+    time, order = states["time_s"], states[name]
+    first = np.clip(np.searchsorted(time, time[rows] - delay + 1e-9) - 1, 0, None)
+    return [
+        Orders.from_series(time[a:row] - time[row], order[a:row]) if a < row else None
+        for a, row in zip(first, rows, strict=True)
+    ]
+
+
+def forcing(servos: Servos, begin: Begin, plan: Plan, names: Sequence[str], time) -> np.ndarray:
+    """Forcings (steps, features) at `time` [s] from the start, of one plan, float64. Raises InputError when one is unknown."""
     columns = []
     for name in names:
         if name == "rudder_order":
             column = plan.rudder.at(time)
         elif name == "rudder_angle":
-            column = plan.rudder.servo(time, rudder_angle, vessel.rudder_rate)
+            column = servos.rudder.servo.follow(_after(plan.rudder, begin.rudder), time, begin.rudder_angle)
+        elif plan.shaft is None:
+            column = np.full(len(time), begin.shaft_speed)
+        elif servos.shaft is None:
+            column = plan.shaft.at(time)
         else:
-            column = np.full(len(time), shaft_speed) if plan.shaft is None else plan.shaft.at(time)
+            column = servos.shaft.servo.follow(_after(plan.shaft, begin.shaft), time, begin.shaft_speed)
         if not np.isfinite(column).all():
             raise InputError(f"forcing {name} is not known for the horizon; give it in the plan")
         columns.append(column)
     return np.array(columns).reshape(len(columns), len(time)).T  # (steps, 0) where nothing is known of the future
+
+
+def _after(plan: Orders, unheard: Orders | None) -> Orders:
+    return plan if unheard is None else plan.after(unheard)

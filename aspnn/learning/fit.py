@@ -15,6 +15,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import lightning
 import numpy as np
@@ -35,6 +36,7 @@ from rich.progress import (
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset, Sampler
 
+from aspnn.learning.corrected import Taught
 from aspnn.learning.identified import HybridGru, IdentifiedShip
 from aspnn.learning.network import RolloutGru, ThesisGru, path_of
 from aspnn.learning.windows import Windows
@@ -50,6 +52,7 @@ Hear = Callable[[str, dict[str, float]], None]  # (title of the training, one ep
 class FitSettings:
     """How long and how fast to train. `one_cycle` warms the rate up and anneals it to nothing; else it stays fixed.
 
+    The ship of a hybrid, which was trained before, takes `ship_share` of the rate, and no weight decay.
     `batch` is what all processes share: `devices` on each of `nodes` machines.
     """
 
@@ -62,6 +65,7 @@ class FitSettings:
     seed: int = 1
     devices: int = 1
     nodes: int = 1
+    ship_share: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -96,7 +100,7 @@ def path_loss(tolerance: Tolerance) -> Loss:
         return torch.sqrt(1 + squares) - 1
 
     def loss(network: nn.Module, batch: Batch) -> Tensor:
-        assert isinstance(network, RolloutGru | IdentifiedShip | HybridGru)
+        assert isinstance(network, RolloutGru | IdentifiedShip | HybridGru | Taught)
         history, forcing, wind, target, path = batch
         sizes = network.sizes
         velocities = network(history, forcing, wind)
@@ -196,11 +200,17 @@ class _Task(lightning.LightningModule):
 
     def configure_optimizers(self):
         s = self.settings
-        optimizer = torch.optim.AdamW(self.parameters(), lr=s.learning_rate, weight_decay=s.weight_decay)
+        groups: list[dict[str, Any]] = [{"params": list(self.parameters()), "lr": s.learning_rate}]
+        if isinstance(self.network, HybridGru):
+            ship = list(self.network.ship.parameters())
+            others = [p for name, p in self.network.named_parameters() if not name.startswith("ship.")]
+            groups[0]["params"] = others
+            groups.append({"params": ship, "lr": s.ship_share * s.learning_rate, "weight_decay": 0.0})
+        optimizer = torch.optim.AdamW(groups, weight_decay=s.weight_decay)
         if not s.one_cycle:
             return optimizer
         schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimizer, s.learning_rate, total_steps=s.epochs * len(self.train_order), pct_start=0.15
+            optimizer, [group["lr"] for group in groups], total_steps=s.epochs * len(self.train_order), pct_start=0.15
         )
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 

@@ -20,7 +20,8 @@ _SQUARE, _THIRD = [PAIRS.index(t[:2]) for t in TRIPLES], [_PLACE[t[2]] for t in 
 HULL = 1 + 3 + len(PAIRS) + len(TRIPLES)  # terms in the hull's motion, of degree 0, 1, 2 and 2
 RUDDER = 4  # powers of the rudder angle, from none
 AIR = 5  # terms in the apparent wind
-LIMIT = 2.0  # of the ship's speed: beyond it forces grow no more, so that no roll-out ends in infinity
+LIMIT = 2.0  # of the ship's speed at least: beyond it forces grow no more, so that no roll-out ends in infinity
+BEYOND = 1.5  # of the largest motion in training: so far it reaches where some voyages are much faster than most
 GAINS = (1.0, 0.6, 0.35, 0.2, 0.12, 0.07, 0.04)  # of the observer, to begin with
 
 
@@ -59,6 +60,7 @@ class IdentifiedShip(nn.Module):
     speed: Tensor
     largest: Tensor
     whiten: Tensor
+    limit: Tensor
 
     def __init__(self, sizes: IdentifiedSizes):
         super().__init__()
@@ -67,6 +69,7 @@ class IdentifiedShip(nn.Module):
         self.terms = HULL * RUDDER + (4 * RUDDER if self.shaft else 0) + (AIR if sizes.wind else 0)
         self.register_buffer("speed", torch.ones(()))
         self.register_buffer("largest", torch.ones(2))  # rudder angle [rad], shaft speed [rev/s]
+        self.register_buffer("limit", torch.tensor(LIMIT))
         self.register_buffer("whiten", torch.eye(self.terms))
         self.weight = nn.Parameter(torch.zeros(self.terms, 3))
         self.gain = nn.Parameter(torch.eye(3))
@@ -109,7 +112,7 @@ class IdentifiedShip(nn.Module):
 
     def rate(self, motion: Tensor, coefficients: Tensor, air: Tensor | None) -> Tensor:
         """Change of the motion per second (batch, 3); `air` is the velocity of the air in body axes, over `speed`."""
-        motion = motion.clamp(-LIMIT, LIMIT)
+        motion = motion.clamp(-self.limit, self.limit)
         found = (hull_terms(motion)[..., None, :] * coefficients).sum(-1)  # a batch of small matrix products is slower
         if air is not None:
             found = found + air_terms(air - motion[..., :2]) @ (self.whiten @ self.weight)[-AIR:]
@@ -190,6 +193,7 @@ class IdentifiedShip(nn.Module):
         terms of unit size.
         """
         self.speed.copy_(target[..., 0].square().mean().sqrt())
+        self.limit.copy_((BEYOND * self.to_motion(target).abs().max()).clamp(min=LIMIT))
         driven = forcing[..., list(self.sizes.forcing)].flatten(0, -2).abs().amax(0)
         self.largest[: len(driven)] = torch.where(driven > 0, driven, torch.ones_like(driven))
         gram = torch.zeros(self.terms, self.terms, dtype=torch.double)

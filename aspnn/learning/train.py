@@ -5,10 +5,11 @@ import json
 import math
 import shutil
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -18,13 +19,18 @@ from aspnn import __version__, records
 from aspnn.estimation import filter_log, smooth_log
 from aspnn.learning import fit, stream
 from aspnn.learning.checkpoint import Bundle
-from aspnn.learning.config import HybridNet, IdentifiedNet, RolloutNet, ThesisNet, Training
-from aspnn.learning.identified import LIMIT, HybridGru, HybridSizes, IdentifiedShip, IdentifiedSizes
+from aspnn.learning.config import CorrectedNet, HybridNet, IdentifiedNet, RolloutNet, ThesisNet, Training
+from aspnn.learning.corrected import CorrectedShip, Correction, Taught, corrected
+from aspnn.learning.identified import HybridGru, HybridSizes, IdentifiedShip, IdentifiedSizes
+from aspnn.learning.identify_servo import identify_servos
 from aspnn.learning.network import RolloutEnsemble, RolloutGru, RolloutSizes, ThesisGru, ThesisSizes, flat_range
-from aspnn.learning.windows import Windows, concatenate, make_windows, starts
-from aspnn.records import Log
+from aspnn.learning.servo import Servos
+from aspnn.learning.windows import Sampling, Windows, WindowSpec, concatenate, make_windows, starts
+from aspnn.records import Log, States
 from aspnn.schema import InputError
 from aspnn.vessel import Vessel
+
+SERVO_HOURS = 5.0  # of training voyages that servos are identified from
 
 
 @dataclass(frozen=True)
@@ -35,6 +41,7 @@ class Material:
     train: Windows
     validation: Windows | None
     facts: dict[str, Any]
+    servos: Servos | None = None  # by which the windows' forcings follow their plans; None: as the vessel file has it
 
 
 def training_material(
@@ -51,19 +58,15 @@ def training_material(
     store = None if folder is None else stream.Store(folder / "parts")
     parts: list[dict[str, list]] = [{} for _ in starting]  # by voyage: windows, or the files that hold them
     digest = hashlib.sha256()
-    vessel = None
-    for log in logs:
+    vessel, held = None, training.data.validation_voyages
+    servos, estimated = _with_servos(_estimated(logs), starting[-1], held)
+    for log, filtered, smoothed in estimated:
         vessel = vessel or log.vessel
-        if log.vessel.name != vessel.name:
-            raise InputError(
-                f"{log.path or log.voyage}: vessel {log.vessel.name} among voyages of {vessel.name}; train on one vessel"
-            )
         digest.update(pd.util.hash_pandas_object(log.table, index=False).to_numpy().tobytes())
-        filtered, smoothed = filter_log(log), smooth_log(log)
         for by_voyage, where in zip(parts, starting, strict=True):
             rows = starts(filtered, *where)
             if len(rows):
-                windows = make_windows(filtered, smoothed, spec, rows)
+                windows = make_windows(filtered, smoothed, spec, rows, servos)
                 by_voyage.setdefault(log.voyage, []).append(windows if store is None else store.add(windows))
     teaching, judging = parts[0], parts[-1]
     if vessel is None or not judging:
@@ -71,7 +74,6 @@ def training_material(
             f"training {training.name}: no voyage has a window; it needs {spec.history:g} s before and {spec.horizon:g} s after its start"
         )
     names = list(judging)
-    held = training.data.validation_voyages
     if held >= len(names):
         raise InputError(
             f"training {training.name}: {len(names)} voyages with windows, {held} of them for validation leave none to train on"
@@ -89,7 +91,45 @@ def training_material(
         "training_windows": len(windows),
         "validation_windows": 0 if validation is None else len(validation),
     }
-    return Material(vessel, windows, validation, facts)
+    return Material(vessel, windows, validation, facts, servos)
+
+
+Estimated = tuple[Log, States, States]  # a log with its filtered and its smoothed states
+
+
+def _estimated(logs: Iterable[Log]) -> Iterator[Estimated]:
+    """Logs of one vessel with their states. Raises InputError when one is of another."""
+    first = None
+    for log in logs:
+        first = first or log.vessel
+        if log.vessel.name != first.name:
+            raise InputError(
+                f"{log.path or log.voyage}: vessel {log.vessel.name} among voyages of {first.name}; train on one vessel"
+            )
+        yield log, filter_log(log), smooth_log(log)
+
+
+def _with_servos(
+    voyages: Iterator[Estimated], where: tuple[WindowSpec, Sampling], held: int
+) -> tuple[Servos | None, Iterator[Estimated]]:
+    """The servos by the first SERVO_HOURS of voyages, the last `held` of them left out, and all voyages again.
+
+    None where no forcing goes through a servo. Only these first voyages are kept in memory.
+    """
+    if not {"rudder_angle", "shaft_speed"} & set(where[0].forcings):
+        return None, voyages
+    first: list[Estimated] = []
+    hours, after = 0.0, 0
+    for voyage in voyages:
+        first.append(voyage)
+        after += hours >= SERVO_HOURS
+        hours += (voyage[1]["time_s"][-1] - voyage[1]["time_s"][0]) / 3600
+        if hours >= SERVO_HOURS and after == held:
+            break
+    names = list(dict.fromkeys(log.voyage for log, filtered, _ in first if len(starts(filtered, *where))))
+    validate = set(names[len(names) - held :])
+    teach = [(log, smoothed) for log, _, smoothed in first if log.voyage not in validate]
+    return identify_servos(teach, first[0][0].vessel) if first else None, chain(first, voyages)
 
 
 def _chosen(
@@ -126,28 +166,48 @@ def train_bundle(
         _await_run(folder, training, material.facts)
     settings = fit.FitSettings(**training.fit.model_dump(), devices=shared[0], nodes=shared[1])
     windows, net = material.train, training.network
-    network: ThesisGru | RolloutGru | RolloutEnsemble | IdentifiedShip | HybridGru
+    curves: dict[str, list[dict[str, float]]] = {}
+    network: ThesisGru | RolloutGru | RolloutEnsemble | IdentifiedShip | HybridGru | CorrectedShip
     if isinstance(net, ThesisNet):
         torch.manual_seed(settings.seed)
         network = _thesis(net, windows)
         for which, name in enumerate(windows.spec.targets):
             loss, title = fit.thesis_loss(which), f"training {name}"
-            fit.fit(network, loss, windows, material.validation, settings, folder / name, title, quiet, hear)
+            curves[name] = fit.fit(
+                network, loss, windows, material.validation, settings, folder / name, title, quiet, hear
+            )
     else:
         start, growth = net.heading_tolerance_deg
         heading = math.radians(start), math.radians(growth)
         loss = fit.path_loss(fit.Tolerance(net.position_tolerance_m, heading, net.velocity_tolerance_m_s))
-        if isinstance(net, IdentifiedNet | HybridNet):
+        if isinstance(net, IdentifiedNet | HybridNet | CorrectedNet):
             network = ship = identify(net, windows, material.vessel)
-            # The ship of a hybrid is trained alone before, at the same pace.
+            # The ship of a hybrid, and the one that is corrected, is trained alone before.
             own = settings if isinstance(net, IdentifiedNet) else replace(settings, epochs=net.ship_epochs)
+            if isinstance(net, HybridNet | CorrectedNet):
+                own = replace(own, learning_rate=net.ship_learning_rate)
+            if isinstance(net, HybridNet):
+                settings = replace(settings, ship_share=net.ship_share)
             place, title = folder / "identified", "training identified ship"
-            fit.fit(ship, loss, windows, material.validation, own, place, title, quiet, hear)
+            if own.epochs:
+                curves[place.name] = fit.fit(ship, loss, windows, material.validation, own, place, title, quiet, hear)
             if isinstance(net, HybridNet):
                 torch.manual_seed(settings.seed)
                 network = _hybrid(net, windows, ship)
                 place, title = folder / "hybrid", "training hybrid"
-                fit.fit(network, loss, windows, material.validation, settings, place, title, quiet, hear)
+                curves[place.name] = fit.fit(
+                    network, loss, windows, material.validation, settings, place, title, quiet, hear
+                )
+            elif isinstance(net, CorrectedNet):
+                torch.manual_seed(settings.seed)
+                network = whole = _corrected(net, windows, ship)
+                rolled, unseen = _rolled_out(whole, windows), material.validation
+                unseen = None if unseen is None else _rolled_out(whole, unseen)
+                for k in range(net.members):
+                    member = cast(Correction, whole.members[k])
+                    own, name = replace(settings, seed=settings.seed + k), f"correction-{k + 1}"
+                    taught, title = Taught(whole, member), f"training {name}"
+                    curves[name] = fit.fit(taught, loss, rolled, unseen, own, folder / name, title, quiet, hear)
         else:
             members = []
             for k in range(net.members):
@@ -155,7 +215,7 @@ def train_bundle(
                 torch.manual_seed(own.seed)
                 members.append(_rollout(net, windows, material.vessel))
                 name = "rollout" if k == 0 else f"rollout-{k + 1}"
-                fit.fit(
+                curves[name] = fit.fit(
                     members[k], loss, windows, material.validation, own, folder / name, f"training {name}", quiet, hear
                 )
             network = members[0]
@@ -169,8 +229,20 @@ def train_bundle(
         vessel=replace(material.vessel, simulator={}),  # the simulator's secrets are not the predictor's
         region_map=isinstance(net, ThesisNet),
         domain=_domain(windows),
-        provenance={"aspnn": __version__, "torch": torch.__version__, "training": plain(training), **material.facts},
+        servos=material.servos,
+        provenance={
+            "aspnn": __version__,
+            "torch": torch.__version__,
+            "training": plain(training),
+            **material.facts,
+            "curves": {name: _columns(rows) for name, rows in curves.items()},
+        },
     )
+
+
+def _columns(rows: list[dict[str, float]]) -> dict[str, list[float]]:
+    """The curves of one network by their names, to the digits that a reader needs; the loss of every epoch in turn."""
+    return {k: [float(f"{row[k]:.5g}") for row in rows] for k in rows[0] if k != "epoch"} if rows else {}
 
 
 def _thesis(net: ThesisNet, windows: Windows) -> ThesisGru:
@@ -213,7 +285,7 @@ def _now(windows: Windows) -> tuple[int, int, int]:
     return surge, bow_sway, stern_sway
 
 
-def identify(net: IdentifiedNet | HybridNet, windows: Windows, vessel: Vessel) -> IdentifiedShip:
+def identify(net: IdentifiedNet | HybridNet | CorrectedNet, windows: Windows, vessel: Vessel) -> IdentifiedShip:
     """The identified ship by ridge regression on the training windows. Raises InputError."""
     spec, now = windows.spec, _now(windows)
     driven = tuple(name for name in ("rudder_angle", "shaft_speed") if name in spec.forcings)
@@ -235,7 +307,7 @@ def identify(net: IdentifiedNet | HybridNet, windows: Windows, vessel: Vessel) -
     some = slice(None, None, max(1, len(windows) // 1000))
     with torch.inference_mode():
         found = ship(*(fit.tensor(array[some]) for array in (windows.history, windows.forcing, windows.wind)))
-    if not (ship.to_motion(found).abs() < LIMIT).all():
+    if not (ship.to_motion(found).abs() < ship.limit).all():
         raise InputError(
             f"network.ridge: with {net.ridge:g} the identified ship runs away within {spec.horizon:g} s; raise it tenfold"
         )
@@ -253,6 +325,23 @@ def _hybrid(net: HybridNet, windows: Windows, ship: IdentifiedShip) -> HybridGru
     network.motion.set(*flat_range(stream.mapped_motion(ship.to_motion, windows.target), 2.0))
     network.wind.set(*flat_range(wind, 2.0))
     return network
+
+
+def _corrected(net: CorrectedNet, windows: Windows, ship: IdentifiedShip) -> CorrectedShip:
+    """The corrected ship about a trained ship, scaled by two standard deviations of the training windows."""
+    spec = windows.spec
+    network = corrected(ship, len(spec.inputs), len(spec.forcings), net.latent, net.members)
+    rolled = fit.tensor(_rolled_out(network, windows).forcing[..., len(spec.forcings) :])
+    network.scale(fit.tensor(windows.history), rolled, fit.tensor(windows.forcing))
+    return network
+
+
+def _rolled_out(network: CorrectedShip, windows: Windows) -> Windows:
+    """The windows with the roll-outs of the network's ship beside their forcings: see corrected.Taught."""
+    inputs = (fit.tensor(array).split(256) for array in (windows.history, windows.forcing, windows.wind))
+    with torch.no_grad():
+        rolled = torch.cat([network.roll(*part) for part in zip(*inputs, strict=True)]).numpy()
+    return replace(windows, forcing=np.concatenate([windows.forcing, rolled], axis=-1))
 
 
 def plain(training: Training) -> dict[str, Any]:
@@ -284,6 +373,7 @@ def _start_run(folder: Path, training: Training, facts: dict[str, Any]) -> None:
     if note.exists() and note.read_text() != run:
         for old in (
             *folder.glob("rollout*"),
+            *folder.glob("correction-*"),
             *(folder / name for name in ("checkpoint", "surge", "sway_bow", "sway_stern", "identified", "hybrid")),
         ):
             shutil.rmtree(old, ignore_errors=True)

@@ -16,6 +16,7 @@ from safetensors.numpy import save_file
 
 from aspnn.frames import to_body
 from aspnn.learning import features
+from aspnn.learning.servo import Servos
 from aspnn.orders import Orders, Plan
 from aspnn.records import States, atomic
 from aspnn.schema import InputError
@@ -140,8 +141,15 @@ def plan_of(states: States, row: int, horizon: float) -> Plan:
     return Plan(rudder.between(start, start + horizon), ordered)
 
 
-def make_windows(filtered: States, smoothed: States, spec: WindowSpec, rows: np.ndarray) -> Windows:
-    """Windows of one voyage that start at `rows`. Inputs from `filtered`, labels from `smoothed` (same epochs)."""
+def make_windows(
+    filtered: States, smoothed: States, spec: WindowSpec, rows: np.ndarray, servos: Servos | None = None
+) -> Windows:
+    """Windows of one voyage that start at `rows`. Inputs from `filtered`, labels from `smoothed` (same epochs).
+
+    Without `servos` the rudder follows the plan at the rate of the vessel file.
+    """
+    servos = servos or Servos.of(filtered.vessel)
+    filtered = servos.sailed(filtered)
     time, start = filtered["time_s"], filtered["time_s"][rows]
     instants = start[:, None] + spec.time
 
@@ -151,11 +159,10 @@ def make_windows(filtered: States, smoothed: States, spec: WindowSpec, rows: np.
     heading = label("heading_rad")
     north, east = label("north_m"), label("east_m")
     forward, starboard = to_body(north - north[:, :1], east - east[:, :1], heading[:, :1])
-    angle, shaft = filtered["rudder_angle_rad"], filtered["shaft_speed_rps"]
     plans = [plan_of(filtered, row, spec.horizon) for row in rows]
     known = [
-        features.forcing(filtered.vessel, angle[row], shaft[row], plan, spec.forcings, spec.time)
-        for row, plan in zip(rows, plans, strict=True)
+        features.forcing(servos, begin, plan, spec.forcings, spec.time)
+        for begin, plan in zip(features.begins(servos, filtered, rows), plans, strict=True)
     ]
     return Windows(
         spec=spec,
@@ -175,8 +182,11 @@ def start_wind(states: States, rows: np.ndarray) -> np.ndarray:
 
     Zero where wind is not measured: the predictor then knows of none.
     """
+    speed = states["wind_speed_true_m_s"]
+    if np.isnan(speed).all():
+        return np.zeros((len(rows), 2))
     # The vector mean is taken in earth axes, then turned to the heading at the start; air moves away from where it comes.
-    earth = np.nan_to_num(-states["wind_speed_true_m_s"] * np.exp(1j * states["wind_from_grid_rad"]))
+    earth = np.nan_to_num(-speed * np.exp(1j * states["wind_from_grid_rad"]))
     total, time = np.concatenate([[0], np.cumsum(earth)]), states["time_s"]
     first = np.searchsorted(time, time[rows] - WIND_MEMORY)
     mean = (total[rows + 1] - total[first]) / (rows + 1 - first) * np.exp(-1j * states["heading_rad"][rows])

@@ -17,7 +17,9 @@ class Spread:
     The covariance is scaled so that the 95 % regions are those of a Gaussian with it: d^2 = 5.99 for the position, 1.96
     standard deviations for the heading. Real errors have other tails: `position` and `heading` (..., steps, levels) are
     the factors on the standard deviations at `levels`, as measured. NaN where nothing was measured. `outside` (...) tells
-    whether the prediction is beyond the domain of its predictor, so that the shares are not known to hold.
+    whether the prediction is beyond the domain of its predictor, so that the shares are not known to hold. `misfit` (...)
+    tells how many standard deviations predictions of the last minutes were off: about 1 where the predictor fits the ship,
+    NaN where that is not known. Regions are widened by it. One in a hundred is beyond `limit` where all is as in calibration.
     """
 
     covariance: np.ndarray
@@ -25,11 +27,18 @@ class Spread:
     levels: np.ndarray
     position: np.ndarray
     heading: np.ndarray
+    misfit: np.ndarray
+    limit: float
+
+    @property
+    def fits(self) -> np.ndarray:
+        """Whether the predictor fits the ship of today (...), as far as is known."""
+        return ~(np.asarray(self.misfit) > self.limit)
 
     def __getitem__(self, index) -> "Spread":
         """The spread of one path (or some) of a batch."""
-        values = {name: getattr(self, name)[index] for name in ("covariance", "outside", "position", "heading")}
-        return replace(self, **values)
+        names = ("covariance", "outside", "position", "heading", "misfit")
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     def between(self, lower: np.ndarray, part: np.ndarray) -> "Spread":
         """The spread a `part` (0 to 1) of the way from each of the steps `lower` to the next, linear."""

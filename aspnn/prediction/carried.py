@@ -9,13 +9,16 @@ from typing import Protocol
 
 import numpy as np
 
+from aspnn.learning.servo import Servos
 from aspnn.learning.windows import WIND_MEMORY, WindowSpec
 from aspnn.motion import Path
 from aspnn.orders import Plan
 from aspnn.prediction import learned
+from aspnn.prediction.choice import HybridChoice
 from aspnn.prediction.current import Current, can_estimate, estimate_current
+from aspnn.prediction.monitor import AGES, ended, errors, marks, misfit
 from aspnn.prediction.plan import Orderable, make_plan
-from aspnn.prediction.uncertainty import Calibration, beyond, carried, perturbed, shifts, spread_of
+from aspnn.prediction.uncertainty import Calibration, beyond, carried, perturbed, shape, shifts, spread_of
 from aspnn.records import States
 from aspnn.vessel import Vessel
 
@@ -35,6 +38,9 @@ class Contract(Protocol):
     @property
     def domain(self) -> dict[str, list[float]]: ...
 
+    @property
+    def servos(self) -> Servos | None: ...
+
 
 def predict_carried(
     contract: Contract,
@@ -52,13 +58,15 @@ def predict_carried(
     """
     rows, spec = np.asarray(rows, int), contract.spec
     errors = perturbed(states, rows)
+    poses, bodies = (np.concatenate(part) for part in zip(*errors, strict=True))
     n, many = len(rows), 1 + len(errors)
     moved: list[np.ndarray] = []
     outside = np.zeros(n, bool)
 
     def batched(past: np.ndarray, known: np.ndarray, wind: np.ndarray) -> np.ndarray:
-        pasts = [past + shifts(spec.inputs, states, rows, pose, body)[:, None] for pose, body in errors]
-        velocities = network(np.concatenate([past, *pasts]), np.tile(known, (many, 1, 1)), np.tile(wind, (many, 1)))
+        shifted = np.tile(past, (len(errors), 1, 1))
+        shifted += shifts(spec.inputs, states, np.tile(rows, len(errors)), poses, bodies)[:, None]
+        velocities = network(np.concatenate([past, shifted]), np.tile(known, (many, 1, 1)), np.tile(wind, (many, 1)))
         moved.append(velocities[n:])
         for names, values in ((spec.inputs, past), (spec.forcings, known)):
             for k, name in enumerate(names):
@@ -67,24 +75,26 @@ def predict_carried(
 
     path = learned.predict_rows(contract, batched, states, rows, plans, region_map, current)
     pose = np.stack([path.north[:, 0], path.east[:, 0], path.heading[:, 0]], axis=-1)
-    others = learned.draw(contract, np.concatenate([pose + step for step, _ in errors]), moved[0], region_map)
+    others = learned.draw(contract, np.tile(pose, (len(errors), 1)) + poses, moved[0], region_map)
     if current is not None:
         others = learned.adrift(others, np.tile(current, (len(errors), 1)))
-    parts = [others[k * n : (k + 1) * n] for k in range(len(errors))]
-    return path, carried(path, parts, states, rows), outside
+    return path, carried(path, others, states, rows), outside
 
 
-def recent(contract: Contract, calibration: Calibration | None, states: States) -> States:
+def recent(
+    contract: Contract, calibration: Calibration | None, states: States, choice: HybridChoice | None = None
+) -> States:
     """The end of `states` that a prediction from the last of them reads. A long voyage is not read again for each.
 
-    That is the history, what the mean wind needs, for the regions the time since the last order, and for a current a horizon.
+    That is the history, what the mean wind needs, for regions and choice the time since the last order; with regions all that for
+    the predictions that judge the model (see `monitor`) too, which is more than a current needs.
     """
     time, spec = states["time_s"], contract.spec
-    span = max(spec.history, WIND_MEMORY, 0.0 if calibration is None else calibration.settled)
-    if calibration is not None and can_estimate(spec):
-        span = max(span, spec.history + spec.horizon)
+    span = max(spec.history, WIND_MEMORY, *(0.0 if known is None else known.settled for known in (calibration, choice)))
+    if calibration is not None:
+        span += max(AGES) * spec.horizon
     first = np.searchsorted(time, time[-1] - span) - 1
-    return replace(states, table=states.table.iloc[max(first, 0) :])
+    return states.read(max(int(first), 0))
 
 
 def predict_one(
@@ -95,11 +105,12 @@ def predict_one(
     rudder: Orderable,
     shaft: Orderable,
     region_map: bool,
+    choice: HybridChoice | None = None,
 ) -> Path:
     """Path from the last of `states`, if the plan is followed, with regions where there is a calibration."""
-    plan = make_plan(states, rudder, shaft, contract.spec.horizon)
-    end = recent(contract, calibration, states)
-    return predict_rows(contract, network, calibration, end, np.array([len(end) - 1]), [plan], region_map)[0]
+    end = recent(contract, calibration, states, choice)
+    plan = make_plan(end, rudder, shaft, contract.spec.horizon)
+    return predict_rows(contract, network, calibration, end, np.array([len(end) - 1]), [plan], region_map, choice)[0]
 
 
 def predict_rows(
@@ -110,17 +121,24 @@ def predict_rows(
     rows: np.ndarray,
     plans: Sequence[Plan],
     region_map: bool,
+    choice: HybridChoice | None = None,
 ) -> Path:
     """Paths (n, steps) from each of `rows` under each of `plans`, with regions where there is a calibration.
 
-    That also tells how well the ship keeps to the network in still water: then a current is sought (see `current`).
+    That also tells how well the ship keeps to the network in still water: then a current is sought (see `current`). With a
+    `choice` the paths are mixed with kinematic ones, and the regions, calibrated for the mix, lie about that. Predictions that
+    have come to their end are further rows of the same batch: they tell whether the regions must be wider (see `monitor`).
     """
+    states = states.read()
     if calibration is None:
-        return learned.predict_rows(contract, network, states, rows, plans, region_map)
-    rows, flow = np.asarray(rows, int), None
-    found = None
+        path = learned.predict_rows(contract, network, states, rows, plans, region_map)
+        return path if choice is None else choice.mix(path, contract.vessel, states, rows, plans)
+    starts, of = np.unique(np.asarray(rows, int), return_inverse=True)  # the plans of a fan have one past
+    past, n = ended(states, starts, contract.spec), len(of)
+    of = np.concatenate([of, past.start])
+    rows, plans = np.concatenate([starts[of[:n]], past.rows]), [*plans, *past.plans]
+    found, flow = None, None
     if can_estimate(contract.spec):
-        starts, of = np.unique(rows, return_inverse=True)  # the plans of a fan begin in one current
         found = Current(*(part[of] for part in estimate_current(contract, network, states, starts, calibration.drift)))
         flow = found.velocity if found.sure.any() else None
     path, covariance, outside = predict_carried(contract, network, states, rows, plans, region_map, flow)
@@ -128,5 +146,12 @@ def predict_rows(
         # A current known to P adds P t^2; that the velocities through the water err by as much the other way is left out.
         known = np.where(found.sure[:, None, None], found.covariance, 0.0)
         covariance[..., :2, :2] += known[:, None] * path.time[:, None, None] ** 2
-    spread = spread_of(calibration, path, covariance, states, rows, plans, outside, flow)
+    if choice is not None:
+        path = choice.mix(path, contract.vessel, states, rows, plans)
+    usual = shape(calibration, path[n:], covariance[n:], past.plans, states["rudder_angle_rad"][past.rows])
+    off = errors(past, path[n:], states)
+    square = misfit(past.start, *off, usual[:, marks(path.time)], len(starts))[of[:n]]
+    flow = None if flow is None else flow[:n]
+    path, rows, plans = path[:n], rows[:n], plans[:n]
+    spread = spread_of(calibration, path, covariance[:n], states, rows, plans, outside[:n], flow, square)
     return replace(path, spread=spread)

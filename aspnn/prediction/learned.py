@@ -10,7 +10,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from aspnn.frames import to_body
-from aspnn.learning.features import forcing, history
+from aspnn.learning.features import begins, forcing, history
+from aspnn.learning.servo import Servos
 from aspnn.learning.windows import WindowSpec, start_wind
 from aspnn.motion import Path, integrate, pivot_point, region_map_path, two_station_motion
 from aspnn.motion.path import YAW_RATE_FLOOR
@@ -39,6 +40,9 @@ class Contract(Protocol):
     @property
     def vessel(self) -> Vessel: ...
 
+    @property
+    def servos(self) -> Servos | None: ...
+
 
 class Material(NamedTuple):
     """What a network sees of n starts: `history` (n, steps, inputs) with the heading (n, steps) [rad] then, `forcing`, `wind`, and
@@ -54,13 +58,15 @@ class Material(NamedTuple):
 def material(contract: Contract, states: States, rows: np.ndarray, plans: Sequence[Plan]) -> Material:
     """What the network sees at `rows` (n,) under `plans`. Raises InputError for want of history."""
     spec, time = contract.spec, states["time_s"]
+    servos = contract.servos or Servos.of(contract.vessel)
+    states = servos.sailed(states)
     past = history(states, rows, spec.inputs, spec.history_steps, spec.period)
     if "rudder_order" in spec.inputs:
         past[:, -1, spec.inputs.index("rudder_order")] = [plan.rudder.at(0.0) for plan in plans]
     instants = time[rows][:, None] + spec.period * np.arange(1 - spec.history_steps, 1)
-    angle, shaft = states["rudder_angle_rad"][rows], states["shaft_speed_rps"][rows]
     known = [
-        forcing(contract.vessel, angle[k], shaft[k], plan, spec.forcings, spec.time) for k, plan in enumerate(plans)
+        forcing(servos, begin, plan, spec.forcings, spec.time)
+        for begin, plan in zip(begins(servos, states, rows), plans, strict=True)
     ]
     pose = np.stack([states[k][rows] for k in ("north_m", "east_m", "heading_rad")], axis=-1)
     heading = np.interp(instants, time, states["heading_rad"])

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from aspnn.learning.servo import Servos
 from aspnn.learning.windows import WindowSpec
 from aspnn.motion import Path
 from aspnn.orders import Plan
 from aspnn.prediction import carried
+from aspnn.prediction.choice import HybridChoice
 from aspnn.prediction.fan import fan
 from aspnn.prediction.plan import Orderable
 from aspnn.prediction.uncertainty import Calibration
@@ -36,6 +38,8 @@ class Deployed:
     region_map: bool
     domain: dict[str, list[float]]
     calibration: dict[str, Any] | None
+    choice: dict[str, Any] | None
+    servos: Servos | None
 
 
 @dataclass(frozen=True)
@@ -78,16 +82,16 @@ class OnnxPredictor:
     def predict(self, states: States, rudder_plan: Orderable = None, shaft_plan: Orderable = None) -> Path:
         """Path from the last of `states`, if the plan is followed; as GruPredictor.predict."""
         how = (self.deployed, self.velocities, self.calibration)
-        return carried.predict_one(*how, states, rudder_plan, shaft_plan, self.region_map)
+        return carried.predict_one(*how, states, rudder_plan, shaft_plan, self.region_map, self.choice)
 
     def predict_many(self, states: States, rows: np.ndarray, plans: Sequence[Plan]) -> Path:
         """Paths (n, steps) from each of `rows` under each of `plans`; as GruPredictor.predict_many."""
         how = (self.deployed, self.velocities, self.calibration)
-        return carried.predict_rows(*how, states, rows, plans, self.region_map)
+        return carried.predict_rows(*how, states, rows, plans, self.region_map, self.choice)
 
     def fan(self, states: States, orders: Sequence[Orderable], shaft_plan: Orderable = None) -> Path:
         """Paths (len(orders), steps) from the last of `states` under each of `orders`, as `prediction.fan.fan`."""
-        return fan(self, carried.recent(self.deployed, self.calibration, states), orders, shaft_plan)
+        return fan(self, carried.recent(self.deployed, self.calibration, states, self.choice), orders, shaft_plan)
 
     @cached_property
     def calibration(self) -> Calibration | None:
@@ -96,6 +100,14 @@ class OnnxPredictor:
         if found is None or self.region_map != self.deployed.region_map:
             return None
         return Calibration.from_dict(found, self.name)
+
+    @cached_property
+    def choice(self) -> HybridChoice | None:
+        """What `aspnn choose` left to kinematics, for the way to the path it was found with; else None. Raises InputError."""
+        found = self.deployed.choice
+        if found is None or self.region_map != self.deployed.region_map:
+            return None
+        return HybridChoice.from_dict(found, self.name)
 
     def velocities(self, history: np.ndarray, forcing: np.ndarray, wind: np.ndarray) -> np.ndarray:
         """The network's answer to history, forcing and wind (as far as it reads them), in float64."""
@@ -120,4 +132,6 @@ def read_metadata(metadata: dict[str, str], file: str) -> Deployed:
         region_map=config["region_map"],
         domain=config["domain"],
         calibration=config.get("calibration"),
+        choice=config.get("choice"),
+        servos=Servos.from_dict(config["servo"]) if "servo" in config else None,
     )

@@ -2,12 +2,12 @@
 
 Depends on motion, orders and records. The covariance of a path at a time after the start is
 
-    S (F + J diag(s) R diag(s) J') S
+    S W (F + J diag(s) R diag(s) J') W S
 
-with F what the filter's errors become (finite differences through the network), s the standard deviations of the model's own
-error along, across and in heading (they grow with turn, order and loss of speed), R their correlations, J the turn from
-course to grid axes, and S the scale that made the regions hold their share on voyages that taught the network nothing
-(split conformal; Vovk, Gammerman and Shafer 2005, recalled).
+with W what the recent past widens it by (one where the model fits; see `monitor`), F what the filter's errors become (finite
+differences through the network), s the standard deviations of the model's own error along, across and in heading (they grow
+with turn, order and loss of speed), R their correlations, J the turn from course to grid axes, and S the scale that made the
+regions hold their share on voyages that taught the network nothing (split conformal; Vovk, Gammerman and Shafer 2005, recalled).
 """
 
 import math
@@ -21,6 +21,7 @@ from aspnn.frames import to_body
 from aspnn.motion import Path, Spread
 from aspnn.motion.spread import disc, strip
 from aspnn.orders import Plan
+from aspnn.prediction.monitor import MARKS, overall, widening
 from aspnn.records import States
 from aspnn.schema import InputError
 
@@ -42,6 +43,7 @@ class Calibration:
     `heading` map a population to factors (knots, levels) on the standard deviations; NaN for levels that take more
     windows. `domain` maps columns of the states to lowest and highest at the starts; `settled` [s] after an order a ship
     counts as steady. `drift` [m] is the deviation of a place after a third of the horizon, which seeking a current goes by.
+    `usual` (MARKS, 2) and `limit` are the misfits that one start in five and one in a hundred had (see `monitor`).
     `facts` say what it was made of.
     """
 
@@ -54,6 +56,8 @@ class Calibration:
     domain: dict[str, tuple[float, float]]
     settled: float
     drift: float
+    usual: np.ndarray
+    limit: float
     facts: dict[str, Any]
 
     def to_dict(self) -> dict[str, Any]:
@@ -65,8 +69,9 @@ class Calibration:
         """The calibration of checkpoint `name` from the plain data of its config. Raises InputError if it is incomplete."""
         try:
             values = {field.name: data[field.name] for field in fields(Calibration)}
-            for key in ("time", "variance", "correlation", "levels"):
+            for key in ("time", "variance", "correlation", "levels", "usual"):
                 values[key] = np.array(data[key], float)
+            values["limit"] = float(np.array(data["limit"], float))  # None is NaN
             for key in ("position", "heading"):
                 values[key] = {k: np.array(v, float) for k, v in data[key].items()}
             values["domain"] = {k: (float(low), float(high)) for k, (low, high) in data["domain"].items()}
@@ -75,6 +80,7 @@ class Calibration:
                 raise ValueError("drift must be positive")
             knots, levels = len(found.time), len(found.levels)
             shapes = [found.variance.shape == (knots, 3, 4), found.correlation.shape == (knots, 3, 3)]
+            shapes += [found.usual.shape == (len(MARKS), 2)]
             shapes += [v.shape == (knots, levels) for v in (*found.position.values(), *found.heading.values())]
             if not all(shapes):
                 raise ValueError("arrays of different lengths")
@@ -141,12 +147,15 @@ def shifts(names: Sequence[str], states: States, rows: np.ndarray, pose: np.ndar
     return np.stack([known.get(name, np.zeros(len(rows))) for name in names], axis=-1)
 
 
-def carried(path: Path, moved: Sequence[Path], states: States, rows: np.ndarray) -> np.ndarray:
-    """Covariance (n, steps, 3, 3) of a path by the filter's errors: from the paths that one standard deviation of each moves."""
-    names = ("north", "east", "heading")
-    steps = np.stack(
-        [np.stack([getattr(other, k) - getattr(path, k) for k in names], axis=-1) for other in moved], axis=-1
-    )
+def carried(path: Path, moved: Path, states: States, rows: np.ndarray) -> np.ndarray:
+    """Covariance (n, steps, 3, 3) of paths by the filter's errors, from the paths (errors n, steps) that one standard
+    deviation of each error moves."""
+
+    def places(of: Path) -> np.ndarray:
+        return np.stack([of.north, of.east, of.heading], axis=-1)
+
+    found = places(path)
+    steps = np.moveaxis(places(moved).reshape(-1, *found.shape) - found, 0, -1)
     covariance = steps @ np.swapaxes(steps, -1, -2)
     for k, name in enumerate(("north_m_sd", "east_m_sd")):
         covariance[..., k, k] += states[name][rows, None] ** 2
@@ -159,8 +168,8 @@ def drivers(path: Path, plans: Sequence[Plan], angle: np.ndarray) -> np.ndarray:
     `angle` (n,) [rad] is the rudder's at the start; the order is the furthest from it until then.
     """
     turn = path.heading - path.heading[:, :1]
-    ordered = np.stack([np.abs(plan.rudder.at(path.time) - a) for plan, a in zip(plans, angle, strict=True)])
-    order = np.maximum.accumulate(ordered, axis=1)
+    ordered = [np.abs(plan.rudder.at(path.time) - a) for plan, a in zip(plans, angle, strict=True)]
+    order = np.maximum.accumulate(np.reshape(ordered, turn.shape), axis=1)
     loss = path.surge - path.surge[:, :1]
     return np.stack([np.ones_like(turn), turn**2, order**2, loss**2], axis=-1)
 
@@ -208,11 +217,12 @@ def spread_of(
     plans: Sequence[Plan],
     outside: np.ndarray,
     current: np.ndarray | None = None,
+    square: np.ndarray | None = None,
 ) -> Spread:
     """The spread of paths (n, steps) with the covariances that the filter's errors become.
 
     `outside` (n,) tells whether an input was beyond the network's training; states and shaft orders beyond those of
-    calibration count too. There the half axes are doubled.
+    calibration count too. There the half axes are doubled. `square` (n, MARKS, 2) are the misfits of `monitor`, if they are known.
     """
     c, time, flow = calibration, path.time, {}
     if current is not None:  # velocities through the water are what the domain is about
@@ -225,10 +235,15 @@ def spread_of(
         )
     for name, (low, high) in c.domain.items():
         outside = outside | beyond(states[name][rows] - flow.get(name, 0.0), low, high)
+        if name == "wind_speed_true_m_s":  # calibrated in measured wind: unknown wind is taken as none, which it is not
+            outside = outside | ~np.isfinite(states[name][rows])
         if name == "shaft_speed_rps":
             ordered = [np.array([]) if plan.shaft is None else plan.shaft.values for plan in plans]
             outside = outside | np.array([bool(beyond(v[None], low, high)[0]) for v in ordered], bool)
     covariance = shape(c, path, carried, plans, states["rudder_angle_rad"][rows])
+    square = np.full((len(rows), len(MARKS), 2), np.nan) if square is None else square
+    wider = widening(square, c.usual, time)
+    covariance = covariance * wider[..., :, None] * wider[..., None, :]
     found = [
         population(states, int(row), plan, float(time[-1]), c.settled) for row, plan in zip(rows, plans, strict=True)
     ]
@@ -246,6 +261,8 @@ def spread_of(
         levels=c.levels,
         position=position / a[..., None],
         heading=heading / b[..., None],
+        misfit=overall(square),
+        limit=c.limit,
     )
 
 

@@ -109,7 +109,12 @@ def _path_data(path: Path, states: States, swept: bool) -> dict[str, Any]:
 
 def _trust(path: Path) -> dict[str, Any]:
     """What a path with a spread says of itself as a whole."""
-    return {} if path.spread is None else {"outside_training": bool(path.spread.outside)}
+    s = path.spread
+    if s is None:
+        return {}
+    known = bool(np.isfinite(s.misfit))
+    said = {"misfit": float(f"{s.misfit:.4g}"), "fits": bool(s.fits)} if known else {"misfit": None, "fits": None}
+    return {"outside_training": bool(s.outside), **said}
 
 
 def _known_region(path: Path) -> Region | None:

@@ -8,6 +8,7 @@ import torch
 from scipy.integrate import solve_ivp
 
 from aspnn.evaluation.evaluate import sees_future
+from aspnn.learning.card import model_card
 from aspnn.learning.checkpoint import read_bundle, write_bundle
 from aspnn.learning.config import Cut, Data, Fit, HybridNet, IdentifiedNet, Training
 from aspnn.learning.identified import (
@@ -262,3 +263,21 @@ def test_a_ship_that_runs_away_is_refused(states):
     net = KINDS["identified"].model_copy(update={"ridge": 1e-6})
     with pytest.raises(InputError, match=r"network.ridge: .* runs away"):
         identify(net, nomoto_windows((0, 1)).select(np.arange(40)), states.vessel)
+
+
+def test_the_ship_of_a_hybrid_learns_at_its_own_rate(windows, states, tmp_path):
+    """Law: at no share of the rate it stays bit by bit what it was when it was alone, which a share moves; the model card
+    lists the epochs and the losses of both."""
+    some, found = windows.select(np.arange(40)), {}
+    for share in (0.0, 0.5):
+        net = KINDS["hybrid"].model_copy(update={"ship_share": share})
+        told = training("hybrid").model_copy(update={"network": net})
+        found[share] = train_bundle(told, material(some, states), tmp_path / str(share), quiet=True)
+    last = torch.load(tmp_path / "0.0" / "identified" / "resume" / "last.ckpt", weights_only=True)["state_dict"]
+    ships = {share: bundle.network.ship.state_dict() for share, bundle in found.items()}
+    assert all(torch.equal(ships[0.0][name], last[f"network.{name}"]) for name in ships[0.0])
+    assert not torch.equal(ships[0.5]["weight"], ships[0.0]["weight"])
+    card = model_card(found[0.0])
+    assert "1 epochs (identified), then 2 epochs (hybrid), of batches of 16" in card
+    for name in ("identified", "hybrid"):
+        assert f"| {name} | train | {found[0.0].provenance['curves'][name]['train_loss'][0]:.4g} |" in card

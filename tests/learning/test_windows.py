@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aspnn.learning.features import FEATURES, forcing, history
+from aspnn.learning.features import FEATURES, Begin, begins, forcing, history
+from aspnn.learning.servo import Identified, Servo, Servos
 from aspnn.learning.windows import (
     Sampling,
     WindowSpec,
@@ -81,14 +82,34 @@ def test_starts_at_orders_shifted_and_sliding():
 
 
 def test_forcing_is_the_plan_through_the_servo():
-    """Oracle: a rudder of 2.32 deg/s from 0 towards 10 deg is over after 4.31 s."""
+    """Oracle: a rudder of 2.32 deg/s from 0 towards 10 deg is over after 4.31 s; a shaft of 0.1 rev/s2 turns as ordered
+    only where no servo of it is known."""
     vessel = nomoto_states(0).vessel
-    found = forcing(vessel, 0.0, np.nan, Plan(Orders.held(np.radians(10))), ("rudder_angle", "rudder_order"), SPEC.time)
+    plan, begin = Plan(Orders.held(np.radians(10)), Orders.held(1.5)), Begin(0.0, 2.0)
+    names = ("rudder_angle", "rudder_order", "shaft_speed")
+    found = forcing(Servos.of(vessel), begin, plan, names, SPEC.time)
     rate = np.degrees(vessel.rudder_rate)
     np.testing.assert_allclose(np.degrees(found[:, 0]), np.minimum(rate * SPEC.time, 10), atol=1e-9)
     np.testing.assert_allclose(np.degrees(found[:, 1]), 10)
+    np.testing.assert_array_equal(found[:, 2], 1.5)
+    shaft = replace(Servos.of(vessel), shaft=Identified(Servo(0.1)))
+    found = forcing(shaft, begin, plan, names, SPEC.time)
+    np.testing.assert_allclose(found[:, 2], np.maximum(2 - 0.1 * SPEC.time, 1.5), atol=1e-12)
     with pytest.raises(InputError, match="shaft_speed is not known"):
-        forcing(vessel, 0.0, np.nan, Plan(Orders.held(0.1)), ("shaft_speed",), SPEC.time)
+        forcing(shaft, Begin(0.0, np.nan), Plan(Orders.held(0.1)), ("shaft_speed",), SPEC.time)
+
+
+def test_orders_on_their_way_are_heard():
+    """Oracle: the servo sailed through the whole voyage; a start inside its delay sees what it does later, not a hold."""
+    states = nomoto_states(0)
+    time, orders = states["time_s"], Orders.from_series(states["time_s"], states["rudder_order_rad"])
+    servos = Servos(Identified(Servo(np.radians(3), 1.0, 2.0)))
+    angle = servos.rudder.servo.follow(orders, time, orders.values[0])
+    states = replace(states, table=states.table.assign(rudder_angle_rad=angle))
+    rows = np.searchsorted(time, orders.times[2] + np.array([-1.0, 0.0, 0.5, 1.5, 3.0]))
+    for row, begin in zip(rows, begins(servos, states, rows), strict=True):
+        found = forcing(servos, begin, plan_of(states, row, 60.0), ("rudder_angle",), SPEC.time)
+        np.testing.assert_allclose(found[:, 0], np.interp(time[row] + SPEC.time, time, angle), atol=1e-9)
 
 
 def test_plan_holds_orders_not_measurements(states):

@@ -128,7 +128,7 @@ def spread(path: Path, covariance) -> Spread:
     steps = len(path.time)
     position, heading = (np.tile(factors, (steps, 1)) for factors in ([1.1774, 2.4477], [0.6745, 1.96]))
     whole = np.broadcast_to(covariance, (steps, 3, 3))
-    return Spread(whole, np.array(False), np.array([0.5, 0.95]), position, heading)
+    return Spread(whole, np.array(False), np.array([0.5, 0.95]), position, heading, np.array(1.0), 2.0)
 
 
 def support(area, direction: np.ndarray) -> np.ndarray:

@@ -86,6 +86,8 @@ def test_regions_are_those_of_torch(tmp_path):
         domain={"surge_m_s": (0.0, 10.0)},
         settled=60.0,
         drift=0.3,
+        usual=np.full((3, 2), 1.5),
+        limit=1.8,
         facts={},
     )
     source = ROOT / "checkpoints/cargo90"

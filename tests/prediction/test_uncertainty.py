@@ -41,7 +41,8 @@ def gaussian(covariance: np.ndarray, count: int = 3) -> Path:
     """A path of `count` steps whose errors are Gaussian with one covariance."""
     still = integrate((0.0, 0.0, 0.0), np.zeros((count - 1, 3)), 1.0)
     factors = [np.tile([f(p) for p in LEVELS], (count, 1)) for f in (disc, strip)]
-    spread = Spread(np.tile(covariance, (count, 1, 1)), np.array(False), np.array(LEVELS), *factors)
+    whole = np.tile(covariance, (count, 1, 1))
+    spread = Spread(whole, np.array(False), np.array(LEVELS), *factors, np.array(1.0), 2.0)
     return replace(still, spread=spread)
 
 
@@ -219,6 +220,17 @@ def test_outside_is_flagged_and_wider():
     np.testing.assert_allclose(outside.region().heading, WIDER * usual.region().heading, rtol=1e-9)
 
 
+def test_wind_that_is_not_measured_is_outside_where_calibration_knew_it():
+    """Contract: calibrated in measured wind, a start without any is flagged and wider, one in a calibrated wind is not."""
+    end = states().until(900.0)
+    domain = predictor().bundle.calibration["domain"] | {"wind_speed_true_m_s": [0.0, 12.0]}
+    windy = GruPredictor(replace(predictor().bundle, calibration=predictor().bundle.calibration | {"domain": domain}))
+    blown = replace(end, table=end.table.assign(wind_speed_true_m_s=5.0, wind_from_grid_rad=1.0))
+    known, unknown = windy.predict(blown, 0.1), windy.predict(end, 0.1)
+    assert not known.spread.outside and unknown.spread.outside
+    np.testing.assert_allclose(unknown.region().major, WIDER * known.region().major, rtol=1e-6)
+
+
 def test_a_population_that_was_not_calibrated_has_no_region():
     """Contract: NaN where nothing was measured, the other populations keep theirs."""
     plain = json.loads(json.dumps(predictor().bundle.calibration))
@@ -249,7 +261,8 @@ def test_calibration_in_the_bundle(tmp_path):
 def test_damaged_calibration_is_refused():
     """Contract: one line with the remedy."""
     plain = predictor().bundle.calibration
-    for wrong in ({}, plain | {"levels": [0.5, 0.95]}, plain | {"variance": "no"}):
+    old = {key: value for key, value in plain.items() if key != "usual"}  # of before the fit monitor
+    for wrong in ({}, old, plain | {"levels": [0.5, 0.95]}, plain | {"variance": "no"}, plain | {"usual": [1.0]}):
         with pytest.raises(InputError, match="run `aspnn calibrate` again"):
             Calibration.from_dict(wrong, "cargo90")
     assert Calibration.from_dict(plain, "cargo90").levels[FULL] == 0.95

@@ -72,6 +72,7 @@ def spread_path(sd_north: float, sd_east: float, heading: float):
         np.broadcast_to(np.diag([sd_north**2, sd_east**2, heading**2]), (*shape, 3, 3)),
         *(np.array(False), levels),
         *(np.broadcast_to([f(p) for p in levels], (*shape, 3)) for f in (disc, strip)),
+        *(np.array(1.25), 1.8),
     )
     return replace(PATH, convergence=np.asarray(0.02), spread=spread)
 
@@ -80,7 +81,11 @@ def test_regions_are_written():
     """By hand: a Gaussian's 95 % ellipse has half axes 2.448 sd, its major one here to grid east, so 90 deg and the convergence true."""
     path = spread_path(1.0, 3.0, 0.01)
     found = json.loads(writers.to_json(path, states(), "flagship"))
-    assert found["outside_training"] is False
+    assert [found[name] for name in ("outside_training", "misfit", "fits")] == [False, 1.25, True]
+    for misfit, said in ((1.9, [1.9, False]), (np.nan, [None, None])):
+        other = replace(path, spread=replace(path.spread, misfit=np.array(misfit)))
+        data = json.loads(writers.to_geojson(other, states(), "flagship"))["features"][0]["properties"]
+        assert [data[name] for name in ("misfit", "fits")] == said
     expected = {
         "region_95_major_m": 3 * 2.4477,
         "region_95_minor_m": 2.4477,
