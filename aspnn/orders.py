@@ -96,7 +96,8 @@ def _moved(start: float, order: float, time: np.ndarray, rate: float, lag: float
     left = rate * np.clip(ramp - time, 0.0, None) if ramp > 0 else np.zeros(len(time))
     if lag > 0:
         left = left + near * np.exp(-np.clip(time - ramp, 0.0, None) / lag)
-    return order - np.copysign(np.maximum(left, dead_band), order - start)
+    moved = order - np.copysign(np.maximum(left, dead_band), order - start)
+    return np.where(time > 0, moved, start)  # to the last bit, so that a log in blocks is the log in one piece
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """The table of states: estimates with their standard deviations, what was ordered, and how the filters fared."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -21,19 +21,24 @@ HELD = (
     "wind_speed_true_m_s",
     "wind_from_true_deg",
 )
+# s: what is measured and not heard for so long is not known any more. An order holds until the next. A rudder goes from stop to
+# stop in 28 s (SOLAS II-1/29), shafts and winds change more slowly.
+SILENT = {"rudder_angle_deg": 10.0, "shaft_speed_rps": 30.0, "wind_speed_true_m_s": 60.0, "wind_from_true_deg": 60.0}
 
 
 @dataclass(frozen=True)
 class Held:
     """What the rows of a block of a log leave for those of the next.
 
-    `shaft` is the column that tells the shaft speed. `last` are the last known values of HELD; `servo` the time [s] of the last
+    `shaft` is the column that tells the shaft speed. `last` are the last known values of HELD, `heard` the times [s] of those in SILENT;
+    `servo` the time [s] of the last
     new order and the rudder angle [rad] then, None unless the servo stands in for the angle; `used` the time of the last
     position that was used.
     """
 
     shaft: str
     last: dict[str, float]
+    heard: dict[str, float]
     servo: tuple[float, float] | None
     used: float
 
@@ -44,7 +49,7 @@ class Held:
         order = math.radians(last["rudder_order_deg"])
         stands_in = math.isnan(last["rudder_angle_deg"]) and math.isfinite(order)
         shaft = "shaft_speed_rps" if "shaft_speed_rps" in begin.first else "engine_order_rps"
-        return Held(shaft, last, (time, order) if stands_in else None, -math.inf)
+        return Held(shaft, last, dict.fromkeys(SILENT, time), (time, order) if stands_in else None, -math.inf)
 
 
 def table(
@@ -66,7 +71,7 @@ def table(
     sd_psi, sd_r, sd_turn = np.sqrt(np.diagonal(heading[1], axis1=1, axis2=2)).T
     sd = np.sqrt(np.diagonal(motion[1], axis1=1, axis2=2)).T
     bow, stern = log.vessel.sway_stations
-    forcings, last, servo = _forcings(log, m, held)
+    forcings, after = _forcings(log, m, held)
     fate = moving.fate[:, : len(m.fixes)]
     used = np.where(((fate == USED) | (fate == REACQUIRED)).any(axis=1), m.time, held.used)
     used = np.maximum.accumulate(used)
@@ -100,16 +105,22 @@ def table(
         "stale": m.stale,
         "coasting": m.time - used > COASTING,  # or no position has been used yet
     }
-    return pd.DataFrame(columns), Held(held.shaft, last, servo, float(used[-1]))
+    return pd.DataFrame(columns), replace(after, used=float(used[-1]))
 
 
-def _forcings(
-    log: Log, m: Measurements, held: Held
-) -> tuple[dict[str, np.ndarray], dict[str, float], tuple[float, float] | None]:
-    """Orders in force, rudder angle, shaft speed and wind: the last known value. And what `Held` keeps of them."""
-    values = {name: column(log, name) for name in HELD}
-    values = {name: carried(value, held.last[name]) for name, value in values.items()}
+def _forcings(log: Log, m: Measurements, held: Held) -> tuple[dict[str, np.ndarray], Held]:
+    """Orders in force, rudder angle, shaft speed and wind: the last known value, NaN where it is older than SILENT.
+
+    And what `Held` keeps of them.
+    """
+    given = {name: column(log, name) for name in HELD}
+    values = {name: carried(value, held.last[name]) for name, value in given.items()}
     last = {name: float(value[-1]) for name, value in values.items()}
+    heard = dict(held.heard)
+    for name, limit in SILENT.items():
+        since = carried(np.where(np.isfinite(given[name]), m.time, np.nan), heard[name])
+        heard[name] = float(since[-1])
+        values[name] = np.where(m.time - since > limit, np.nan, values[name])
     angle, servo = np.radians(values["rudder_angle_deg"]), held.servo
     if servo is not None:
         # The servo starts at the last new order, so that the blocks of a log are one servo to the last bit.
@@ -129,7 +140,7 @@ def _forcings(
         "wind_speed_true_m_s": values["wind_speed_true_m_s"],
         "wind_from_grid_rad": wrap(np.radians(values["wind_from_true_deg"]) - m.convergence),
     }
-    return forcings, last, servo
+    return forcings, replace(held, last=last, heard=heard, servo=servo)
 
 
 def _consistency(m: Measurements, moving: Run, turning: Run) -> dict[str, np.ndarray]:

@@ -246,6 +246,18 @@ def test_wind_is_turned_to_the_grid(voyage):
     assert (states["wind_speed_true_m_s"] == 7.0).all()
 
 
+@pytest.mark.parametrize("rows", [7, 100_000])
+def test_what_is_not_heard_for_long_is_not_known(voyage, rows):
+    """By hand: a rudder angle last heard at 20 s is held to 30 s, a wind to 80 s; an order for ever. In blocks as in one piece."""
+    table = voyage[0].table.iloc[:1000].assign(wind_speed_true_m_s=5.0, wind_from_true_deg=10.0)
+    log = with_rows(replace(voyage[0], table=table), slice(201, None), rudder_angle_deg=np.nan, rudder_order_deg=np.nan)
+    log = with_rows(log, slice(201, None), wind_speed_true_m_s=np.nan, wind_from_true_deg=np.nan)
+    states = filter_log(log, rows=rows)
+    time = states["time_s"]
+    for name, until in (("rudder_angle_rad", 30.0), ("wind_speed_true_m_s", 80.0), ("rudder_order_rad", 999.0)):
+        np.testing.assert_array_equal(np.isfinite(states[name]), time <= until + 1e-9, err_msg=name)
+
+
 def test_no_heading_is_said_in_one_line(voyage):
     log = with_rows(voyage[0], slice(None), heading_deg=np.nan)
     for bad in (log, without(log, "heading_deg")):
