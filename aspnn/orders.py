@@ -25,16 +25,17 @@ class Orders:
         """The orders that a sampled series holds: one entry wherever the value changes. NaN samples repeat the last."""
         time, value = np.asarray(time, float), np.asarray(value, float)
         known = np.isfinite(value)
-        time, value = time[known], value[known]
+        if not known.all():
+            time, value = time[known], value[known]
         if len(time) == 0:
             return Orders.held(np.nan)
-        first = np.concatenate([[True], np.diff(value) != 0])
+        first = np.append(0, np.flatnonzero(value[1:] != value[:-1]) + 1)
         return Orders(time[first], value[first])
 
     def at(self, time) -> np.ndarray:
         """The order in force at `time` [s], any shape; an order counts from its own instant on."""
-        row = np.searchsorted(self.times, np.asarray(time, float) + 1e-9, side="right") - 1
-        return self.values[np.clip(row, 0, None)]
+        row = self.times.searchsorted(np.asarray(time, float) + 1e-9, side="right") - 1
+        return self.values[np.maximum(row, 0)]
 
     def between(self, start: float, end: float) -> "Orders":
         """The orders from `start` to `end` [s], with `start` as the new zero of time; the first is at 0."""
@@ -60,15 +61,13 @@ class Orders:
         """
         time, heard = np.asarray(time, float), self.times + delay
         later = (heard > time[0] + 1e-9) & (heard < time[-1])
-        bounds = np.concatenate([time[:1], heard[later], time[-1:]])
-        orders = [float(self.at(time[0] - delay)), *self.values[later].tolist()]
-        rows = [0, *np.searchsorted(time, heard[later]), len(time)]
-        found, value = np.empty(len(time)), float(start)
-        for k, order in enumerate(orders):
-            part = slice(rows[k], rows[k + 1])
-            instants = np.append(time[part], bounds[k + 1]) - bounds[k]
-            moved = _moved(value, order, instants, rate, lag, dead_band)
-            found[part], value = moved[:-1], float(moved[-1])
+        order, value, begin, first = float(self.at(time[0] - delay)), float(start), time[0], 0
+        found = np.empty(len(time))
+        for end, row, after in zip(heard[later], time.searchsorted(heard[later]), self.values[later], strict=True):
+            moved = _moved(value, order, np.append(time[first:row], end) - begin, rate, lag, dead_band)
+            found[first:row] = moved[:-1]
+            order, value, begin, first = float(after), float(moved[-1]), end, row
+        found[first:] = _moved(value, order, time[first:] - begin, rate, lag, dead_band)
         return found
 
     def changes(self, at_least: float, apart: float) -> np.ndarray:
@@ -93,9 +92,9 @@ def _moved(start: float, order: float, time: np.ndarray, rate: float, lag: float
         return np.full(len(time), start)
     near = min(way, rate * lag) if lag > 0 else 0.0
     ramp = (way - near) / rate
-    left = rate * np.clip(ramp - time, 0.0, None) if ramp > 0 else np.zeros(len(time))
+    left = rate * np.maximum(ramp - time, 0.0) if ramp > 0 else np.zeros(len(time))
     if lag > 0:
-        left = left + near * np.exp(-np.clip(time - ramp, 0.0, None) / lag)
+        left = left + near * np.exp(-np.maximum(time - ramp, 0.0) / lag)
     moved = order - np.copysign(np.maximum(left, dead_band), order - start)
     return np.where(time > 0, moved, start)  # to the last bit, so that a log in blocks is the log in one piece
 

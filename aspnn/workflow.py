@@ -512,7 +512,7 @@ def predict_file(
     (LAT,LON@METRES or FILE.geojson@METRES) and has `tell` say which order does, with `soonest` the one that is past first;
     `swept` adds the swept area.
     """
-    from aspnn.prediction import Predictor, monitor, writers
+    from aspnn.prediction import Predictor, writers
     from aspnn.prediction import fan as fans
 
     if fan is not None and rudder is not None:
@@ -541,9 +541,8 @@ def predict_file(
     target = None if clear is None else fans.parse_clear(clear, now.zone)
     plan = None if rudder is None else parse_plan(rudder)
     path = predictor.predict(now, plan) if orders is None else fans.fan(predictor, now, orders)
-    unfit = None if path.spread is None else monitor.warning(path.spread, predictor.name)
-    if unfit is not None:
-        tell(unfit)
+    for warning in writers.warnings(path, predictor.name):
+        tell(warning)
     if horizon is not None:
         path = path.at(path.time[path.time <= horizon + 1e-9])
     if orders is not None:

@@ -1,4 +1,7 @@
-"""The oracle: the true simulator run on from the filtered state. What remains of its error no predictor can remove."""
+"""The oracle: the true simulator run on from the filtered state.
+
+What remains is the error of that state. A network that reads the history can start better than the last filtered state, and so pass it.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -31,7 +31,7 @@ WORDS = {
     "caa_ctra": "kinematic: accelerations of surge, sway and yaw held (CAA and CTRA)",
     "caa_cmm": "kinematic: accelerations along and across the course, and of yaw, held (CAA and CMM)",
     "constant": "surge, sway and yaw rate held: the arc of bridge displays",
-    "oracle": "the true simulator run on from the filtered state: the limit",
+    "oracle": "the true simulator run on from the filtered state",
 }
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from aspnn.config import read_toml
-from aspnn.learning.windows import Sampling, WindowSpec
+from aspnn.learning.windows import WIND_MEMORY, Sampling, WindowSpec
 from aspnn.records import atomic
 from aspnn.schema import InputError
 
@@ -41,6 +41,7 @@ class Cut(BaseModel):
     period_s: float = Field(gt=0)
     inputs: tuple[str, ...]
     forcings: tuple[str, ...] = ()
+    wind_memory_s: float = Field(WIND_MEMORY, gt=0)  # over which the wind at a start is averaged
     at_orders: bool = True
     shifts_s: tuple[float, ...] = ()
     sliding_s: float | None = Field(None, gt=0)
@@ -49,7 +50,14 @@ class Cut(BaseModel):
 
     def spec(self) -> WindowSpec:
         """The contract of the windows."""
-        return WindowSpec(self.history_s, self.horizon_s, self.period_s, self.inputs, self.forcings)
+        return WindowSpec(
+            self.history_s,
+            self.horizon_s,
+            self.period_s,
+            self.inputs,
+            self.forcings,
+            wind_memory=self.wind_memory_s,
+        )
 
     def sampling(self) -> Sampling:
         """Where they start."""

@@ -70,6 +70,17 @@ def _wind(s: States) -> tuple[np.ndarray, np.ndarray]:
     return to_body(-speed * np.cos(origin), -speed * np.sin(origin), s["heading_rad"])
 
 
+def broken(states: States, names: Sequence[str], period: float) -> np.ndarray:
+    """How many of the epochs before each are no base for a history of features `names`: (epochs + 1,), from 0 on.
+
+    The filter coasts, a feature has no value, or the epoch before is more than three of the history's steps of `period` [s] ago.
+    """
+    bad = (states["coasting"] != 0) | (np.diff(states["time_s"], prepend=states["time_s"][:1]) > 3 * period)
+    for name in names:
+        bad = bad | ~np.isfinite(FEATURES[name](states))
+    return np.append(0, np.cumsum(bad))
+
+
 def history(states: States, rows: np.ndarray, names: Sequence[str], steps: int, period: float) -> np.ndarray:
     """Features at `steps` instants `period` [s] apart that end at each of `rows`: (n, steps, features), float64.
 

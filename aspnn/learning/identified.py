@@ -285,6 +285,10 @@ class HybridGru(nn.Module):
 
     The history's GRU corrects the observed start and says what the ship's motion does not; a GRU cell then
     adds to each step of the ship what it has learned that the ship leaves over. Untrained, it is the ship.
+
+    To be taken where hours of voyages cover a ship's orders (cargo90): trained through the ship, it keeps its best on steady
+    courses and in the tail after orders. Where recordings are few or trainings many, take a corrected ship
+    (learning.corrected).
     """
 
     START, CHANGE = 0.01, 0.002  # of the ship's speed: a start's error, and a second's left-over change

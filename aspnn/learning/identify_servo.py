@@ -27,10 +27,8 @@ ENDS = {"xtol": 1e-6, "ftol": 1e-6, "gtol": 1e-6}  # of a search: a millionth is
 SAMPLES = 5000  # that a fit reads
 LONGEST = 60.0  # s: no lag or delay is sought beyond it
 PIECE = 300.0  # s of a voyage, left out in turn to see how far a rate found from motion moves
-WIDE, FINE = (
-    np.geomspace(0.2, 5.0, 15),
-    np.geomspace(0.8, 1.25, 9),
-)  # rates tried by motion, of the guess and of the best
+WIDE = np.geomspace(0.2, 5.0, 9)  # rates tried by motion, of the guess: each half a step from what FINE reaches
+FINE = np.geomspace(0.8, 1.25, 9)  # of the best of them
 RIDGE = 1e-8  # against terms of unit size
 
 
@@ -199,7 +197,8 @@ def fit_rate(voyages: Sequence[States], rate: float) -> Identified | None:
     """The rudder's rate [rad/s] with which polynomials of motion and rudder angle explain the yaw acceleration best.
 
     `voyages` are smoothed states; the polynomials are those of the identified ship. It is sought about `rate`, the vessel
-    file's; None where it cannot be told. The standard error is that of a jackknife over pieces of voyages.
+    file's; None where it cannot be told. The standard error is that of a jackknife over pieces of voyages, each replicate of
+    which has all rates to choose from: few pieces often decide, and what is left then says another rate altogether.
     """
     changes = sum(len(Orders.from_series(s["time_s"], s["rudder_order_rad"]).times) - 1 for s in voyages)
     if changes < ENOUGH:
@@ -208,17 +207,27 @@ def fit_rate(voyages: Sequence[States], rate: float) -> Identified | None:
     tried = [sums for states in voyages for sums in _sums(states, speed, rate * WIDE)]
     if len(tried) < ENOUGH:
         return None
-    best = int(np.argmin([_unexplained(sums) for sums in np.sum(tried, axis=0)]))
-    middle = rate * float(WIDE[best])
-    pieces = [sums for states in voyages for sums in _sums(states, speed, middle * FINE)]
-    whole = np.sum(pieces, axis=0)
-    found = _lowest([_unexplained(sums) for sums in whole])
-    others = np.array([_lowest([_unexplained(sums) for sums in whole - piece]) for piece in pieces])
-    error = math.sqrt((len(others) - 1) * float(np.mean((others - np.mean(others)) ** 2)))
-    if best in (0, len(WIDE) - 1) or not error < 1 / SURE:  # NaN where a lowest lies at an end
+    coarse = sought(tried, WIDE)
+    if coarse is None:
         return None
-    value = middle * math.exp(found)
-    return Identified(Servo(value), Servo(value * error), changes, measured=False)
+    middle = rate * coarse[0]
+    fine = sought([sums for states in voyages for sums in _sums(states, speed, middle * FINE)], FINE)
+    if fine is None:
+        return None
+    value = middle * fine[0]
+    return Identified(Servo(value), Servo(value * max(coarse[1], fine[1])), changes, measured=False)
+
+
+def sought(pieces: Sequence[np.ndarray], rates: np.ndarray) -> tuple[float, float] | None:
+    """The rate that explains the pieces best and its relative standard error; None where it is not sure.
+
+    It is not sure either where without one piece the best lies at an end of `rates`: then the motion tells no more than
+    that the rudder is quick (or slow).
+    """
+    whole = np.sum(pieces, axis=0)
+    found, *others = (_lowest([_unexplained(s) for s in sums], rates) for sums in (whole, *(whole - p for p in pieces)))
+    error = math.sqrt((len(others) - 1) * float(np.var(others)))
+    return (math.exp(found), error) if error < 1 / SURE else None  # NaN where one lies at an end
 
 
 def _sums(states: States, speed: float, rates: np.ndarray) -> list[np.ndarray]:
@@ -253,10 +262,10 @@ def _unexplained(sums: np.ndarray) -> float:
     return math.log(1 - moment @ np.linalg.solve(gram, moment))
 
 
-def _lowest(values: Sequence[float]) -> float:
-    """Where values over the logarithm of FINE are lowest, by a parabola through three of them; NaN at an end."""
+def _lowest(values: Sequence[float], rates: np.ndarray) -> float:
+    """The logarithm of the rate where values are lowest, by a parabola through three of them; NaN at an end."""
     k = int(np.argmin(values))
-    if k in (0, len(FINE) - 1):
+    if k in (0, len(rates) - 1):
         return math.nan
     before, here, after = values[k - 1 : k + 2]
-    return math.log(FINE[k]) + math.log(FINE[1] / FINE[0]) * (before - after) / (2 * (before - 2 * here + after))
+    return math.log(rates[k]) + math.log(rates[1] / rates[0]) * (before - after) / (2 * (before - 2 * here + after))

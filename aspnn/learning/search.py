@@ -4,7 +4,7 @@ What a search may change stands in the section `[search]` of the training file (
 range or choices; a file without one gets the `SPACES` of its kind of network. A trial trains one network (of an ensemble one
 member) and is judged by its loss on the validation voyages after the last epoch; the mean of the three for the thesis's. All
 trials are judged on windows with the same starts. After every epoch, a trial whose loss is worse than the median of the
-others at that epoch is stopped. Test voyages are never seen.
+others at that epoch is stopped, as is one whose identified ship runs away. Test voyages are never seen.
 
 The study is a journal that several processes share, so a killed search goes on. What a trial tries follows from the seed, the
 process and the trials ended before it; with one process a search repeats, killed or not.
@@ -25,9 +25,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from aspnn.learning.config import Choices, Range, Training, write_training
+from aspnn.learning.config import Choices, Range, ThesisNet, Training, write_training
 from aspnn.learning.stream import map_windows
-from aspnn.learning.train import Material, plain, train_bundle, training_material
+from aspnn.learning.train import Material, RunsAway, plain, train_bundle, training_material
 from aspnn.records import Log, atomic
 from aspnn.schema import InputError
 from aspnn.vessel import from_dict
@@ -38,9 +38,18 @@ GRU: dict[str, Range | Choices] = {
     "fit.batch": Choices(choices=(32, 64, 128)),
     "fit.weight_decay": Range(low=1e-6, high=1e-2, log=True),
 }
+SHIP: dict[str, Range | Choices] = {"network.ridge": Range(low=1e-7, high=1e-1, log=True)}
+BOTH = {**GRU, **SHIP, "network.latent": Range(low=8, high=64, step=8)}
 SPACES: dict[str, dict[str, Range | Choices]] = {
     "rollout": GRU,
     "thesis": {**GRU, "network.latent": Range(low=32, high=256, step=32)},
+    "identified": {
+        **SHIP,
+        "fit.learning_rate": Range(low=1e-4, high=1e-2, log=True),
+        "fit.batch": Choices(choices=(32, 64, 128)),
+    },
+    "hybrid": {**BOTH, "network.ship_share": Range(low=1e-3, high=0.3, log=True)},
+    "corrected": BOTH,
 }
 FEWEST = 4  # trials that end before any is stopped early
 Logs = Callable[..., Iterable[Log]]  # (training, watch): the logs of a training file
@@ -219,9 +228,12 @@ class _Work:
         shutil.rmtree(run, ignore_errors=True)
         try:
             train_bundle(training, self.material(training), run, quiet=True, hear=hear)
-            loss = math.fsum(losses.values()) / len(losses)
+            judged = list(losses.values())
+            if not isinstance(training.network, ThesisNet):
+                judged = judged[-1:]  # a ship that was trained before the whole is no part of the result
+            loss = math.fsum(judged) / len(judged)
             state = optuna.trial.TrialState.COMPLETE
-        except optuna.TrialPruned:
+        except (optuna.TrialPruned, RunsAway):
             loss, state = None, optuna.trial.TrialState.PRUNED
         for resume in run.glob("*/resume"):
             shutil.rmtree(resume)

@@ -33,6 +33,10 @@ from aspnn.vessel import Vessel
 SERVO_HOURS = 5.0  # of training voyages that servos are identified from
 
 
+class RunsAway(InputError):
+    """An identified ship whose roll-outs leave the motions that it knows: its ridge is too small."""
+
+
 @dataclass(frozen=True)
 class Material:
     """What a network learns from: training and validation windows of different voyages, and where they came from."""
@@ -160,6 +164,9 @@ def train_bundle(
 
     `shared` are the devices on each node and the nodes that train together; `hear` as in fit.fit.
     """
+    torch.set_num_threads(
+        1
+    )  # as in fit.fit, and before: how threads share a sum would decide the last bits of a regression
     if fit.node_rank(shared[1]) == 0:
         _start_run(folder, training, material.facts)
     else:
@@ -286,7 +293,7 @@ def _now(windows: Windows) -> tuple[int, int, int]:
 
 
 def identify(net: IdentifiedNet | HybridNet | CorrectedNet, windows: Windows, vessel: Vessel) -> IdentifiedShip:
-    """The identified ship by ridge regression on the training windows. Raises InputError."""
+    """The identified ship by ridge regression on the training windows. Raises InputError, and RunsAway."""
     spec, now = windows.spec, _now(windows)
     driven = tuple(name for name in ("rudder_angle", "shaft_speed") if name in spec.forcings)
     if "rudder_angle" not in driven:
@@ -308,7 +315,7 @@ def identify(net: IdentifiedNet | HybridNet | CorrectedNet, windows: Windows, ve
     with torch.inference_mode():
         found = ship(*(fit.tensor(array[some]) for array in (windows.history, windows.forcing, windows.wind)))
     if not (ship.to_motion(found).abs() < ship.limit).all():
-        raise InputError(
+        raise RunsAway(
             f"network.ridge: with {net.ridge:g} the identified ship runs away within {spec.horizon:g} s; raise it tenfold"
         )
     return ship

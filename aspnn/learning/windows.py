@@ -23,7 +23,7 @@ from aspnn.schema import InputError
 
 ORDER_SIZE = np.radians(5.0)  # a smaller change of the rudder order starts no window
 ORDER_APART = 5.0  # s
-WIND_MEMORY = 10.0  # s over which the wind at a start is averaged
+WIND_MEMORY = 10.0  # s over which the wind at a start is averaged, where a spec does not say
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,8 @@ class WindowSpec:
     """What a window holds, in the units of `features`. It travels inside windows and checkpoints.
 
     `history` and `horizon` [s] at steps of `period` [s]; the history's last row is the start itself. Forcings are known
-    for the future and given at every instant from the start to the horizon.
+    for the future and given at every instant from the start to the horizon. The wind at the start is the mean of the last
+    `wind_memory` [s]: what is gusty there, and what lasts.
     """
 
     history: float
@@ -40,6 +41,7 @@ class WindowSpec:
     inputs: tuple[str, ...]
     forcings: tuple[str, ...] = ()
     targets: tuple[str, ...] = features.TARGETS
+    wind_memory: float = WIND_MEMORY
 
     def __post_init__(self):
         for kind, names, known in (
@@ -52,6 +54,8 @@ class WindowSpec:
                     raise InputError(f"{kind} {name} is not known; choose among {', '.join(known)}")
         if not (0 < self.period <= min(self.history, self.horizon)):
             raise InputError(f"period {self.period:g} s must be positive and no longer than history and horizon")
+        if not self.wind_memory > 0:
+            raise InputError(f"wind_memory {self.wind_memory:g} s must be positive")
 
     @property
     def history_steps(self) -> int:
@@ -170,15 +174,15 @@ def make_windows(
         forcing=np.stack(known).astype(np.float32),
         target=np.stack([label(f"{name}_m_s") for name in spec.targets], -1).astype(np.float32),
         path=np.stack([forward, starboard, heading - heading[:, :1]], -1).astype(np.float32),
-        wind=start_wind(filtered, rows).astype(np.float32),
+        wind=start_wind(filtered, rows, spec.wind_memory).astype(np.float32),
         start=start,
         voyage=np.zeros(len(rows), np.int64),
         voyages=(filtered.voyage,),
     )
 
 
-def start_wind(states: States, rows: np.ndarray) -> np.ndarray:
-    """Velocity of the air (n, 2) forward and to starboard at the start [m/s], the mean of the last 10 s.
+def start_wind(states: States, rows: np.ndarray, memory: float = WIND_MEMORY) -> np.ndarray:
+    """Velocity of the air (n, 2) forward and to starboard at the start [m/s], the mean of the last `memory` [s].
 
     Zero where wind is not measured: the predictor then knows of none.
     """
@@ -188,7 +192,7 @@ def start_wind(states: States, rows: np.ndarray) -> np.ndarray:
     # The vector mean is taken in earth axes, then turned to the heading at the start; air moves away from where it comes.
     earth = np.nan_to_num(-speed * np.exp(1j * states["wind_from_grid_rad"]))
     total, time = np.concatenate([[0], np.cumsum(earth)]), states["time_s"]
-    first = np.searchsorted(time, time[rows] - WIND_MEMORY)
+    first = np.searchsorted(time, time[rows] - memory)
     mean = (total[rows + 1] - total[first]) / (rows + 1 - first) * np.exp(-1j * states["heading_rad"][rows])
     return np.stack([mean.real, mean.imag], -1)
 

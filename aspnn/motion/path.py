@@ -108,19 +108,20 @@ def integrate(pose, velocity, dt, time=None) -> Path:
     [rad/s] over each step of `dt` [s] (a number or (steps,)). The path has steps + 1 points; its velocities at the start
     of step k are those held over the step, the last point repeats the last step's.
     """
-    velocity = np.asarray(velocity, float)
-    dt = np.broadcast_to(np.asarray(dt, float), velocity.shape[-2:-1])
-    pose = np.broadcast_to(np.asarray(pose, float), (*velocity.shape[:-2], 3))
-    surge, sway, yaw_rate = np.moveaxis(velocity, -1, 0)
-    turned = np.cumsum(yaw_rate * dt, axis=-1)
-    heading = pose[..., 2:3] + np.concatenate([np.zeros((*turned.shape[:-1], 1)), turned], axis=-1)
+    surge, sway, yaw_rate = np.ascontiguousarray(np.moveaxis(np.asarray(velocity, float), -1, 0))
+    dt = np.broadcast_to(np.asarray(dt, float), surge.shape[-1:])
+    pose = np.broadcast_to(np.asarray(pose, float), (*surge.shape[:-1], 3))
+    walked = np.zeros((3, *surge.shape[:-1], len(dt) + 1))
+    np.cumsum(yaw_rate * dt, axis=-1, out=walked[2, ..., 1:])
+    heading = pose[..., 2:3] + walked[2]
     north, east, _ = rigid_step(heading[..., :-1], surge, sway, yaw_rate, dt)
-    start = np.zeros((*north.shape[:-1], 1))
+    np.cumsum(north, axis=-1, out=walked[0, ..., 1:])
+    np.cumsum(east, axis=-1, out=walked[1, ..., 1:])
     u, v, r = (np.concatenate([w, w[..., -1:]], axis=-1) for w in (surge, sway, yaw_rate))
     return Path(
         time=np.concatenate([[0.0], np.cumsum(dt)]) if time is None else np.asarray(time, float),
-        north=pose[..., 0:1] + np.concatenate([start, np.cumsum(north, axis=-1)], axis=-1),
-        east=pose[..., 1:2] + np.concatenate([start, np.cumsum(east, axis=-1)], axis=-1),
+        north=pose[..., 0:1] + walked[0],
+        east=pose[..., 1:2] + walked[1],
         heading=heading,
         surge=u,
         sway=v,

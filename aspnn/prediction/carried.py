@@ -9,13 +9,15 @@ from typing import Protocol
 
 import numpy as np
 
+from aspnn.learning.features import broken
 from aspnn.learning.servo import Servos
-from aspnn.learning.windows import WIND_MEMORY, WindowSpec
+from aspnn.learning.windows import WindowSpec
 from aspnn.motion import Path
 from aspnn.orders import Plan
 from aspnn.prediction import learned
 from aspnn.prediction.choice import HybridChoice
 from aspnn.prediction.current import Current, can_estimate, estimate_current
+from aspnn.prediction.learned import Material
 from aspnn.prediction.monitor import AGES, ended, errors, marks, misfit
 from aspnn.prediction.plan import Orderable, make_plan
 from aspnn.prediction.uncertainty import Calibration, beyond, carried, perturbed, shape, shifts, spread_of
@@ -54,31 +56,30 @@ def predict_carried(
     """Paths (n, steps) as `learned.predict_rows` gives them, their covariance by the filter's errors, and `outside` (n,).
 
     The covariance (n, steps, 3, 3) is of north, east [m] and heading [rad]. An error is taken as lasting over the whole
-    history, so that the network cannot average it out. `outside` tells whether an input or a forcing is beyond training.
+    history, so that the network cannot average it out. `outside` tells whether an input or a forcing is beyond training, or
+    the history is broken (see `features.broken`).
     """
+    learned.check_vessel(states, contract)
     rows, spec = np.asarray(rows, int), contract.spec
+    given = learned.material(contract, states, rows, plans)
+    if current is not None:
+        given = learned.through_water(given, spec, current)
+    unusable, time = broken(states, spec.inputs, spec.period), states["time_s"]
+    outside = unusable[rows + 1] > unusable[time.searchsorted(time[rows] - spec.history - 1e-6)]
+    for names, values in ((spec.inputs, given.history), (spec.forcings, given.forcing)):
+        for k, name in enumerate(names):
+            outside |= beyond(values[..., k], *contract.domain[name])
     errors = perturbed(states, rows)
     poses, bodies = (np.concatenate(part) for part in zip(*errors, strict=True))
     n, many = len(rows), 1 + len(errors)
-    moved: list[np.ndarray] = []
-    outside = np.zeros(n, bool)
-
-    def batched(past: np.ndarray, known: np.ndarray, wind: np.ndarray) -> np.ndarray:
-        shifted = np.tile(past, (len(errors), 1, 1))
-        shifted += shifts(spec.inputs, states, np.tile(rows, len(errors)), poses, bodies)[:, None]
-        velocities = network(np.concatenate([past, shifted]), np.tile(known, (many, 1, 1)), np.tile(wind, (many, 1)))
-        moved.append(velocities[n:])
-        for names, values in ((spec.inputs, past), (spec.forcings, known)):
-            for k, name in enumerate(names):
-                outside[:] |= beyond(values[..., k], *contract.domain[name])
-        return velocities[:n]
-
-    path = learned.predict_rows(contract, batched, states, rows, plans, region_map, current)
-    pose = np.stack([path.north[:, 0], path.east[:, 0], path.heading[:, 0]], axis=-1)
-    others = learned.draw(contract, np.tile(pose, (len(errors), 1)) + poses, moved[0], region_map)
+    given = Material(*(np.concatenate([part] * many) for part in given))
+    given.history[n:] += shifts(spec.inputs, states, np.tile(rows, len(errors)), poses, bodies)[:, None]
+    given.pose[n:] += poses
+    paths = learned.draw(contract, given.pose, network(given.history, given.forcing, given.wind), region_map)
     if current is not None:
-        others = learned.adrift(others, np.tile(current, (len(errors), 1)))
-    return path, carried(path, others, states, rows), outside
+        paths = learned.adrift(paths, np.tile(current, (many, 1)))
+    path = replace(paths[:n], convergence=states["convergence_rad"][rows])
+    return path, carried(path, paths[n:], states, rows), outside
 
 
 def recent(
@@ -90,7 +91,9 @@ def recent(
     the predictions that judge the model (see `monitor`) too, which is more than a current needs.
     """
     time, spec = states["time_s"], contract.spec
-    span = max(spec.history, WIND_MEMORY, *(0.0 if known is None else known.settled for known in (calibration, choice)))
+    span = max(
+        spec.history, spec.wind_memory, *(0.0 if known is None else known.settled for known in (calibration, choice))
+    )
     if calibration is not None:
         span += max(AGES) * spec.horizon
     first = np.searchsorted(time, time[-1] - span) - 1

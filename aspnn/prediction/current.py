@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aspnn.learning.features import broken
 from aspnn.learning.windows import WindowSpec
 from aspnn.orders import Orders, Plan
 from aspnn.prediction.learned import MOVING, Contract, Material, Network, draw, material, through_water
@@ -42,7 +43,7 @@ def can_estimate(spec: WindowSpec) -> bool:
 def estimate_current(
     contract: Contract, network: Network, states: States, rows: np.ndarray, deviation: float
 ) -> Current:
-    """The current at each of `rows` (n,) from the states before it; a start with less of them than history and horizon has none.
+    """The current at each of `rows` (n,) from the states before it; a start with less of them than history and horizon, or broken ones, has none.
 
     The last horizon in PARTS: from the state at the begin of each the network runs on under the orders that were in force, and
     its end is compared with where the ship was. Least squares over these 2 PARTS numbers, each with the variance
@@ -55,16 +56,20 @@ def estimate_current(
     time, span = states["time_s"], spec.horizon / PARTS
     velocity, covariance = np.zeros((len(rows), 2)), np.full((len(rows), 2, 2), np.nan)
     before = spec.horizon + spec.period * (spec.history_steps - 1)
-    enough = np.flatnonzero(time[rows] - time[0] >= before - 1e-6)
+    unusable = broken(states, spec.inputs, spec.period)
+    whole = unusable[rows + 1] == unusable[time.searchsorted(time[rows] - before - 1e-6)]
+    enough = np.flatnonzero((time[rows] - time[0] >= before - 1e-6) & whole)
     sure = np.zeros(len(rows), bool)
     if len(enough) == 0:
         return Current(velocity, covariance, sure)
     begins = np.concatenate([time[rows[enough]] - spec.horizon + k * span for k in range(PARTS)])
-    first, last = (np.searchsorted(time, t - 1e-6) for t in (begins, begins + span))
+    first, last = (time.searchsorted(t - 1e-6) for t in (begins, begins + span))
     last = np.minimum(last, np.tile(rows[enough], PARTS))  # the start itself is the end of the last part
     orders = Orders.from_series(time, states["rudder_order_rad"])
+    measured = "shaft_speed" in spec.forcings
     plans = [
-        Plan(orders.between(t, t + span), _shaft(states, a, b)) for t, a, b in zip(begins, first, last, strict=True)
+        Plan(orders.between(t, t + span), _shaft(states, a, b) if measured else None)
+        for t, a, b in zip(begins, first, last, strict=True)
     ]
     given = material(contract, states, first, plans)
     place = states["north_m"] + 1j * states["east_m"]

@@ -70,7 +70,7 @@ def material(contract: Contract, states: States, rows: np.ndarray, plans: Sequen
     ]
     pose = np.stack([states[k][rows] for k in ("north_m", "east_m", "heading_rad")], axis=-1)
     heading = np.interp(instants, time, states["heading_rad"])
-    return Material(past, heading, np.stack(known), start_wind(states, rows), pose)
+    return Material(past, heading, np.stack(known), start_wind(states, rows, spec.wind_memory), pose)
 
 
 def through_water(given: Material, spec: WindowSpec, current: np.ndarray) -> Material:
@@ -85,7 +85,7 @@ def through_water(given: Material, spec: WindowSpec, current: np.ndarray) -> Mat
     for name, flow in flows.items():
         if name in spec.inputs:
             past[..., spec.inputs.index(name)] -= flow
-    felt = given.wind - np.column_stack([ahead[:, -1], athwart[:, -1]]) * given.wind.any(axis=1, keepdims=True)
+    felt = given.wind - np.array([ahead[:, -1], athwart[:, -1]]).T * given.wind.any(axis=1, keepdims=True)
     return given._replace(history=past, wind=felt)
 
 
@@ -137,7 +137,7 @@ def draw(contract: Contract, pose: np.ndarray, velocities: np.ndarray, region_ma
         surge, sway_bow, sway_stern = np.moveaxis(mean, -1, 0)
         return region_map_path(pose, surge, sway_bow, sway_stern, period, bow, stern, contract.vessel.length)
     sway, yaw_rate = two_station_motion(mean[..., 1], mean[..., 2], bow, stern)
-    return integrate(pose, np.stack([mean[..., 0], sway, yaw_rate], axis=-1), period)
+    return integrate(pose, np.array([mean[..., 0], sway, yaw_rate]).transpose(1, 2, 0), period)
 
 
 def check_vessel(states: States, contract: Contract) -> None:

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from aspnn.angles import difference
-from aspnn.learning.features import FEATURES
+from aspnn.learning.features import broken
 from aspnn.learning.windows import WindowSpec
-from aspnn.motion import Path, Spread
+from aspnn.motion import Path
 from aspnn.orders import Orders, Plan
 from aspnn.records import States
 
@@ -39,16 +39,13 @@ class Ended(NamedTuple):
 
 
 def ended(states: States, rows: np.ndarray, spec: WindowSpec) -> Ended:
-    """The predictions of AGES before each of `rows` (n,); none where the states do not reach back so far, coast or lack an input."""
+    """The predictions of AGES before each of `rows` (n,); none where the states do not reach back so far or are broken there."""
     rows, time = np.asarray(rows, int), states["time_s"]
-    gone = ~np.isfinite(np.stack([FEATURES[name](states) for name in spec.inputs])).all(axis=0)
-    if "shaft_speed" in spec.forcings:
-        gone |= ~np.isfinite(states["shaft_speed_rps"])
-    unusable = np.concatenate([[0], np.cumsum(gone | (states["coasting"] != 0))])
+    turned = "shaft_speed" in spec.forcings
+    unusable = broken(states, (*spec.inputs, *["shaft_speed"] * turned), spec.period)
     orders = Orders.from_series(time, states["rudder_order_rad"])
-    shaft = (
-        Orders.from_series(time, states["shaft_speed_rps"]) if np.isfinite(states["shaft_speed_rps"]).all() else None
-    )
+    turned = turned and bool(np.isfinite(states["shaft_speed_rps"]).all())
+    shaft = Orders.from_series(time, states["shaft_speed_rps"]) if turned else None
     of: list[int] = []
     begun: list[int] = []
     for age in AGES:
@@ -78,10 +75,11 @@ def errors(found: Ended, path: Path, states: States) -> tuple[np.ndarray, np.nda
     """
     time, columns = states["time_s"], marks(path.time)
     at = time[found.rows][:, None] + path.time[columns]
-    north, east, heading = (np.interp(at, time, states[k]) for k in ("north_m", "east_m", "heading_rad"))
+    names = ("north_m", "east_m", "heading_rad")
+    north, east, heading = (np.interp(at, time, states[k]) for k in names)
     off = [path.north[:, columns] - north, path.east[:, columns] - east, difference(path.heading[:, columns], heading)]
-    own = [np.interp(at, time, states[f"{k}_sd"]) ** 2 for k in ("north_m", "east_m", "heading_rad")]
-    return np.stack(off, axis=-1), np.stack(own, axis=-1)
+    own = [np.interp(at, time, states[f"{k}_sd"]) ** 2 for k in names]
+    return np.array(off).transpose(1, 2, 0), np.array(own).transpose(1, 2, 0)
 
 
 def misfit(start: np.ndarray, off: np.ndarray, own: np.ndarray, covariance: np.ndarray, count: int) -> np.ndarray:
@@ -122,19 +120,9 @@ def widening(square: np.ndarray, usual: np.ndarray, time: np.ndarray) -> np.ndar
     From misfits (n, MARKS, 2); one where they are unknown. A variance becomes one and EXCESS times what its square is beyond
     the usual, at each of MARKS, in between linear, from one at the start; the heading's that of the larger excess.
     """
-    more = EXCESS * np.clip(np.nan_to_num(square) - usual, 0.0, None)
+    more = EXCESS * np.maximum(np.nan_to_num(square) - usual, 0.0)
     more = np.maximum.accumulate(more, axis=-1)[..., [0, 0, 1]]
     knots = np.concatenate([np.zeros((len(more), 1, 3)), more], axis=1)
-    lower = np.clip((time / time[-1] * len(MARKS)).astype(int), 0, len(MARKS) - 1)
+    lower = np.minimum((time / time[-1] * len(MARKS)).astype(int), len(MARKS) - 1)
     part = (time / time[-1] * len(MARKS) - lower)[:, None]
     return np.sqrt(1 + knots[:, lower] * (1 - part) + knots[:, lower + 1] * part)
-
-
-def warning(spread: Spread, predictor: str) -> str | None:
-    """One line where a predictor does not fit the ship of the last minutes, None where it does or nothing is known."""
-    if np.all(spread.fits):
-        return None
-    return (
-        f"{predictor} does not fit this ship today: its predictions of the last minutes were {np.nanmax(spread.misfit):.1f} standard "
-        f"deviations off, {spread.limit:.1f} is the limit; regions are widened"
-    )

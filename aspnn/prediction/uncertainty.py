@@ -144,19 +144,18 @@ def shifts(names: Sequence[str], states: States, rows: np.ndarray, pose: np.ndar
         "speed": (u * du + v * dv) * share,
         "drift": (v * du - u * dv) * share**2,
     }
-    return np.stack([known.get(name, np.zeros(len(rows))) for name in names], axis=-1)
+    return np.array([known.get(name, np.zeros(len(rows))) for name in names]).T
 
 
 def carried(path: Path, moved: Path, states: States, rows: np.ndarray) -> np.ndarray:
     """Covariance (n, steps, 3, 3) of paths by the filter's errors, from the paths (errors n, steps) that one standard
     deviation of each error moves."""
 
-    def places(of: Path) -> np.ndarray:
-        return np.stack([of.north, of.east, of.heading], axis=-1)
-
-    found = places(path)
-    steps = np.moveaxis(places(moved).reshape(-1, *found.shape) - found, 0, -1)
-    covariance = steps @ np.swapaxes(steps, -1, -2)
+    names, shape = ("north", "east", "heading"), (-1, *path.north.shape)
+    steps = [getattr(moved, name).reshape(shape) - getattr(path, name) for name in names]
+    covariance = np.empty((*path.north.shape, 3, 3))
+    for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        covariance[..., a, b] = covariance[..., b, a] = (steps[a] * steps[b]).sum(axis=0)
     for k, name in enumerate(("north_m_sd", "east_m_sd")):
         covariance[..., k, k] += states[name][rows, None] ** 2
     return covariance
@@ -168,10 +167,11 @@ def drivers(path: Path, plans: Sequence[Plan], angle: np.ndarray) -> np.ndarray:
     `angle` (n,) [rad] is the rudder's at the start; the order is the furthest from it until then.
     """
     turn = path.heading - path.heading[:, :1]
-    ordered = [np.abs(plan.rudder.at(path.time) - a) for plan, a in zip(plans, angle, strict=True)]
-    order = np.maximum.accumulate(np.reshape(ordered, turn.shape), axis=1)
-    loss = path.surge - path.surge[:, :1]
-    return np.stack([np.ones_like(turn), turn**2, order**2, loss**2], axis=-1)
+    ordered = np.reshape([plan.rudder.at(path.time) for plan in plans], turn.shape)
+    order = np.maximum.accumulate(np.abs(ordered - angle[:, None]), axis=1)
+    found = np.ones((*turn.shape, 4))
+    found[..., 1], found[..., 2], found[..., 3] = turn**2, order**2, (path.surge - path.surge[:, :1]) ** 2
+    return found
 
 
 def axes(path: Path) -> np.ndarray:
@@ -181,9 +181,11 @@ def axes(path: Path) -> np.ndarray:
     """
     course = path.heading + np.arctan2(path.sway, path.surge)
     side = np.where(path.heading < path.heading[..., :1], -1.0, 1.0)
-    c, s, zero = np.cos(course), np.sin(course), np.zeros_like(course)
-    rows = [[c, s * side, zero], [s, -c * side, zero], [zero, zero, side]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    c, s, found = np.cos(course), np.sin(course), np.zeros((*course.shape, 3, 3))
+    found[..., 0, 0], found[..., 0, 1] = c, s * side
+    found[..., 1, 0], found[..., 1, 1] = s, -c * side
+    found[..., 2, 2] = side
+    return found
 
 
 def population(states: States, row: int, plan: Plan, horizon: float, settled: float) -> str:
@@ -193,7 +195,7 @@ def population(states: States, row: int, plan: Plan, horizon: float, settled: fl
     """
     order = float(plan.rudder.at(0.0))
     time, past = states["time_s"], states["rudder_order_rad"]
-    first = np.searchsorted(time, time[row] - settled - 1e-6)
+    first = time.searchsorted(time[row] - settled - 1e-6)
     recent = bool((np.abs(past[first : row + 1] - order) >= ORDER_SIZE - 1e-9).any())
     if not plan.rudder.held_within(0.0, horizon, ORDER_SIZE):
         # Starts in a steady stretch with an order to come behave as those at an order do.
@@ -243,20 +245,20 @@ def spread_of(
     covariance = shape(c, path, carried, plans, states["rudder_angle_rad"][rows])
     square = np.full((len(rows), len(MARKS), 2), np.nan) if square is None else square
     wider = widening(square, c.usual, time)
-    covariance = covariance * wider[..., :, None] * wider[..., None, :]
     found = [
         population(states, int(row), plan, float(time[-1]), c.settled) for row, plan in zip(rows, plans, strict=True)
     ]
     unknown = np.full((len(c.time), len(c.levels)), np.nan)
+    names = sorted(set(found))  # the plans of a fan are mostly of one population
     position, heading = (
-        at_times(np.stack([table.get(name, unknown) for name in found], axis=1), c.time, time).swapaxes(0, 1)
+        np.array([at_times(table.get(name, unknown), c.time, time) for name in names])[list(map(names.index, found))]
         for table in (c.position, c.heading)
     )
     full = float(c.levels[FULL])
     a, b = position[..., FULL] / disc(full), heading[..., FULL] / strip(full)
-    scale = np.stack([a, a, b], axis=-1) * np.where(outside, WIDER, 1.0)[:, None, None]
+    wider = wider * np.array([a, a, b]).transpose(1, 2, 0) * np.where(outside, WIDER, 1.0)[:, None, None]
     return Spread(
-        covariance=covariance * scale[..., :, None] * scale[..., None, :],
+        covariance=covariance * wider[..., :, None] * wider[..., None, :],
         outside=outside,
         levels=c.levels,
         position=position / a[..., None],
@@ -276,7 +278,7 @@ def shape(c: Calibration, path: Path, carried: np.ndarray, plans: Sequence[Plan]
 
 def at_times(values: np.ndarray, knots: np.ndarray, time: np.ndarray) -> np.ndarray:
     """`values` (knots, ...) at `time` (steps,), linear between knots."""
-    upper = np.clip(np.searchsorted(knots, time), 1, len(knots) - 1)
-    part = (time - knots[upper - 1]) / (knots[upper] - knots[upper - 1])
-    part = np.clip(part, 0.0, 1.0).reshape(-1, *[1] * (values.ndim - 1))
-    return values[upper - 1] * (1 - part) + values[upper] * part
+    lower = np.minimum(np.maximum(knots.searchsorted(time) - 1, 0), len(knots) - 2)
+    part = (time - knots[lower]) / (knots[lower + 1] - knots[lower])
+    part = np.minimum(np.maximum(part, 0.0), 1.0).reshape(-1, *[1] * (values.ndim - 1))
+    return values[lower] * (1 - part) + values[lower + 1] * part

@@ -117,6 +117,27 @@ def _trust(path: Path) -> dict[str, Any]:
     return {"outside_training": bool(s.outside), **said}
 
 
+def warnings(path: Path, predictor: str) -> list[str]:
+    """What a reader must be told of a path (or a fan) with a spread, a line each; nothing where all is as in calibration."""
+    spread = path.spread
+    if spread is None:
+        return []
+    said = []
+    if np.any(spread.outside):
+        said.append(
+            f"{predictor} was not trained for this start or plan (speed, rates, orders, wind, or a history with gaps): the half axes of "
+            "its regions are doubled, and their shares are not known to hold"
+        )
+    if not np.all(spread.fits):
+        said.append(
+            f"{predictor} does not fit this ship today: its predictions of the last minutes were {np.nanmax(spread.misfit):.1f} "
+            f"standard deviations off, {spread.limit:.1f} is the limit; regions are widened"
+        )
+    if not np.isfinite(spread.position[..., -1, :]).any(axis=-1).all():
+        said.append(f"{predictor} was calibrated on too few plans of this kind: it has no regions for them")
+    return said
+
+
 def _known_region(path: Path) -> Region | None:
     """The region at LEVEL of a path that has one at each of its steps."""
     region = None if path.spread is None else path.region(LEVEL)

@@ -42,6 +42,20 @@ def test_without_what_it_adds_it_is_its_ship():
     torch.testing.assert_close(network(*inputs()), ship(*inputs()), rtol=1e-5, atol=1e-5)  # weights are kept in single
 
 
+def test_a_correction_is_that_of_the_start_and_a_sum_over_the_steps():
+    """Oracle: the docstring's formula, with biases alone: CHANGE times (start + number of steps x period x each step's)."""
+    network = corrected(made_up(), 5, 2, latent=6, members=1).double()
+    member, history, (forcing, wind) = network.members[0], inputs()[0], inputs()[1:]
+    for layer in (member.out, member.correct):
+        torch.nn.init.zeros_(layer.weight)
+    start, each = torch.tensor([[1.0, -2.0, 3.0], [0.5, 0.2, -1.0]], dtype=torch.double)
+    member.correct.bias.data, member.out.bias.data = start, each
+    with torch.no_grad():
+        found = member(history, network.roll(history, forcing, wind), forcing)
+    expected = member.CHANGE * (start + torch.arange(13.0, dtype=torch.double)[:, None] * SIZES.period * each)
+    torch.testing.assert_close(found, expected.expand(2, -1, -1))
+
+
 def test_the_wind_is_turned_with_the_ship():
     """Oracle: the air of a roll-out, turned back by the heading that its own velocities draw, is the wind at the start."""
     network = corrected(made_up(), 5, 2, latent=6, members=1).double()
@@ -69,7 +83,8 @@ def test_what_is_trained_is_what_predicts():
         alone = [Taught(network, member)(*taught) for member in network.members]
         assert (alone[0] - alone[1]).abs().max() > 1e-4
         torch.testing.assert_close(network(*used), (alone[0] + alone[1]) / 2, rtol=0, atol=1e-5)
-    assert not any(name.startswith("ship") for name, _ in Taught(network, network.members[0]).named_parameters())
+    trained, own = (list(part.parameters()) for part in (Taught(network, network.members[0]), network.members[0]))
+    assert [id(weight) for weight in trained] == [id(weight) for weight in own]  # nothing of the ship
 
 
 def test_learns_what_its_ship_leaves_over(tmp_path):

@@ -194,6 +194,37 @@ def test_default_spaces_are_fit_for_their_networks(place):
                 kind.changed({path: value})
 
 
+SHIPS = {"identified": "", "hybrid": "ship_epochs = 1", "corrected": "ship_epochs = 1"}
+
+
+@pytest.mark.parametrize("kind", SHIPS)
+def test_a_search_of_a_kind_with_a_ship_runs_without_a_section(place, kind, tmp_path):
+    """Oracle: the curves on disk. Trials try the kind's own space; the loss is that of the whole, not that of its ship before."""
+    net = f'kind = "{kind}"\n{SHIPS[kind]}' + ("" if kind == "identified" else "\nlatent = 8")
+    (place / f"{kind}.toml").write_text(TRAINING.replace('kind = "rollout"\nlatent = 8', net))
+    found = workflow.search_file(place / f"{kind}.toml", 2, out=tmp_path)
+    assert len(found.trials) == 2
+    assert {path for trial in found.trials for path in trial.values} == set(module.SPACES[kind])
+    last = {"corrected": "correction-1"}.get(kind, kind)
+    with open(tmp_path / "trials" / f"{found.best.number:04d}" / last / "curves.csv") as file:
+        assert float(list(csv.DictReader(file))[-1]["validation_loss"]) == found.best.loss
+    assert found.best.epochs == 3 + (kind != "identified")
+
+
+def test_a_ship_that_runs_away_ends_its_trial_not_the_search(place, tmp_path, monkeypatch):
+    """Contract: that trial is stopped early without an epoch, the next one goes on."""
+    train_bundle, calls = module.train_bundle, iter(range(100))
+
+    def first_runs_away(*given, **named):
+        if next(calls) == 0:
+            raise train.RunsAway("network.ridge: raise it tenfold")
+        return train_bundle(*given, **named)
+
+    monkeypatch.setattr(module, "train_bundle", first_runs_away)
+    found = workflow.search_file(place / "small.toml", 2, out=tmp_path)
+    assert [(trial.loss is None, trial.epochs) for trial in found.trials] == [(True, 0), (False, 3)]
+
+
 def test_training_file_comes_back_as_written(place, tmp_path):
     """Oracle: the file it was read from, but for the search space; paths lead to the same logs."""
     training = read_training(place / "small.toml")

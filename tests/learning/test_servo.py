@@ -8,11 +8,11 @@ import pytest
 
 from aspnn.learning import train
 from aspnn.learning.checkpoint import Bundle, read_bundle, write_bundle
-from aspnn.learning.identify_servo import Record, fit_rate, fit_servo, identify_servos, records
+from aspnn.learning.identify_servo import Record, fit_rate, fit_servo, identify_servos, records, sought
 from aspnn.learning.servo import Identified, Servo, Servos
 from aspnn.learning.windows import Sampling
 from aspnn.orders import Orders
-from aspnn.records import Log
+from aspnn.records import Log, States
 from aspnn.simulation import actuators
 from tests.learning.conftest import SPEC, nomoto_states
 
@@ -130,25 +130,45 @@ def test_a_shaft_is_identified_by_its_own_columns():
     assert found.shaft.servo.delay == found.shaft.servo.dead_band == 0
 
 
-def test_a_rate_is_found_from_the_motion_where_only_orders_are_logged():
-    """Oracle: a ship whose yaw acceleration is a polynomial of its motion and of the angle of a servo of 2.3 deg/s, within 3 %;
-    the vessel file says 1.4."""
-    given, rate = [], 2.3 * DEGREE
-    for seed in range(3):
+def turning(rates: tuple[float, ...]) -> list[States]:
+    """Voyages of a ship whose yaw acceleration is a polynomial of its motion and of a rudder of one of `rates`."""
+    given = []
+    for seed, rate in enumerate(rates):
         states = nomoto_states(seed)
         time, orders = states["time_s"], Orders.from_series(states["time_s"], states["rudder_order_rad"])
         angle, yaw = orders.servo(time, float(orders.values[0]), rate), np.zeros(len(time))
         steps = np.diff(time, append=time[-1])
-        turning = np.zeros(len(time))
+        change = np.zeros(len(time))
         for k, delta in enumerate(angle):
-            turning[k] = (0.08 * delta - yaw[k] - 3.0 * yaw[k] * abs(yaw[k])) / 10
+            change[k] = (0.08 * delta - yaw[k] - 3.0 * yaw[k] * abs(yaw[k])) / 10
             if k + 1 < len(time):
-                yaw[k + 1] = yaw[k] + steps[k] * turning[k]
-        columns = {"yaw_rate_rad_s": yaw, "yaw_acceleration_rad_s2": turning}
+                yaw[k + 1] = yaw[k] + steps[k] * change[k]
+        columns = {"yaw_rate_rad_s": yaw, "yaw_acceleration_rad_s2": change}
         given.append(replace(states, table=states.table.assign(**columns)))
-    found = fit_rate(given, 0.6 * rate)
+    return given
+
+
+def test_a_rate_is_found_from_the_motion_where_only_orders_are_logged():
+    """Oracle: a servo of 2.3 deg/s under a polynomial ship, within 3 %; the vessel file says 1.4."""
+    rate = 2.3 * DEGREE
+    found = fit_rate(turning((rate,) * 3), 0.6 * rate)
     assert found is not None and not found.measured
     assert abs(found.servo.rate / rate - 1) < 0.03
+
+
+def test_a_rate_that_one_piece_tells_is_not_told():
+    """Oracle: the jackknife. Seven pieces that are explained best by the same rate give it without error; where six are
+    explained the better the quicker the rudder, and one alone by a rate in the middle, there is no telling."""
+    rates = np.geomspace(0.25, 4.0, 9)
+    middle, quick = 1 - 0.2 * np.log(rates) ** 2, 0.5 + 0.01 * np.log(rates)
+
+    def piece(share: np.ndarray, weight: float) -> np.ndarray:  # of one term and the response, each of unit size
+        return weight * np.moveaxis(np.array([[1 + 0 * share, share], [share, 1 + 0 * share]]), -1, 0)
+
+    alike = sought([piece(middle, 1.0)] * 7, rates)
+    assert alike is not None
+    np.testing.assert_allclose(alike, (1.0, 0.0), atol=1e-9)
+    assert sought([piece(quick, 1.0)] * 6 + [piece(middle, 3.0)], rates) is None
 
 
 def test_states_take_the_angle_of_a_servo_found_from_motion():

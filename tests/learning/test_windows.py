@@ -1,6 +1,7 @@
 """Windows against what they are cut from, and against the law that inputs know nothing of the future."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from aspnn.learning.windows import (
 )
 from aspnn.motion import integrate, two_station_motion
 from aspnn.orders import Orders, Plan
+from aspnn.prediction import learned
 from aspnn.schema import InputError
 from tests.evaluation.conftest import nomoto_voyage, table_of
 from tests.learning.conftest import SPEC, assert_windows_equal, nomoto_states, nomoto_windows
@@ -142,6 +144,24 @@ def test_wind_at_the_start_is_a_vector_mean():
     np.testing.assert_allclose(start_wind(states, np.array([50, 199])), [[0, -8], [0, -8]], atol=1e-12)
     calm = replace(states, table=states.table.assign(wind_speed_true_m_s=np.nan))
     np.testing.assert_array_equal(start_wind(calm, np.array([50])), [[0, 0]])
+
+
+def test_the_wind_is_remembered_as_long_as_the_spec_says():
+    """Analytic: a wind that freshens from 2 to 8 m/s 4 s ago is 8 over 3 s and (2 x 12 + 8 x 9) / 21 over 10 s at 2 Hz;
+    windows and predictions read the spec's memory, and a spec that does not say has 10 s."""
+    time = np.arange(0, 100, 0.5)
+    motion = {"wind_speed_true_m_s": np.where(time < 46, 2.0, 8.0), "wind_from_grid_rad": np.pi, "heading_rad": 0.0}
+    base = nomoto_states(0)
+    states = replace(base, table=base.table.iloc[: len(time)].assign(time_s=time, **motion))
+    row, plan = np.array([100]), [plan_of(states, 100, SPEC.horizon)]
+    short = replace(SPEC, horizon=20.0, wind_memory=3.0)
+    for spec, expected in ((short, 8.0), (replace(short, wind_memory=10.0), (2 * 12 + 8 * 9) / 21)):
+        contract = SimpleNamespace(name="x", spec=spec, vessel=states.vessel, servos=None)
+        given = learned.material(contract, states, row, plan).wind
+        np.testing.assert_allclose(make_windows(states, states, spec, row).wind, [[expected, 0]], atol=1e-6)
+        np.testing.assert_allclose(given, [[expected, 0]], atol=1e-12)
+    old = {k: v for k, v in asdict(SPEC).items() if k != "wind_memory"}
+    assert WindowSpec.from_dict(old).wind_memory == 10.0
 
 
 def test_too_short_a_history_is_named(states):

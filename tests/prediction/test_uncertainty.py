@@ -18,7 +18,7 @@ from aspnn.orders import Orders, Plan
 from aspnn.prediction.calibration import conformal, fit_correlation, fit_variance, scores
 from aspnn.prediction.gru import GruPredictor
 from aspnn.prediction.uncertainty import FULL, LEVELS, POPULATIONS, WIDER, Calibration, axes, perturbed, population
-from aspnn.records import States, sha256
+from aspnn.records import States, read_log, sha256
 from aspnn.schema import InputError
 from aspnn.simulation.scenario import read_scenario, simulate_scenario
 
@@ -203,6 +203,23 @@ def test_carried_covariance_is_that_of_drawn_starts():
         ends.append([end.north[0, 60] + place[0], end.east[0, 60] + place[1], end.heading[0, 60]])
     np.testing.assert_allclose(np.std(ends, axis=0), np.sqrt(np.diag(covariance[0, 60])), rtol=0.2)
     assert np.abs(np.mean(ends, axis=0) - [path.north[0, 60], path.east[0, 60], path.heading[0, 60]])[:2].max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("lost", "columns", "flagged"),
+    [((125, 145), None, True), ((120, 160), ("latitude_deg", "longitude_deg"), True), ((60, 80), None, False)],
+)
+def test_a_broken_history_is_flagged(lost, columns, flagged):
+    """By hand: rows or fixes lost within the 30 s before 150 s flag the prediction; rows lost before do not."""
+    log = read_log(ROOT / "data/sample/zigzag-20-20.parquet")
+    gone = log.table["time_s"].between(*lost)
+    table = log.table.copy()
+    if columns is None:
+        table = table[~gone].reset_index(drop=True)
+    else:
+        table.loc[gone, [name for name in table if name.endswith(columns)]] = np.nan
+    path = predictor().predict(filter_log(replace(log, table=table)).until(150.0), 0.3)
+    assert bool(path.spread.outside) == flagged
 
 
 def test_outside_is_flagged_and_wider():

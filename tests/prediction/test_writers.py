@@ -107,6 +107,19 @@ def test_regions_are_written():
     assert "region_95_major_m" not in json.loads(writers.to_json(PATH, states(), "flagship"))["path"]
 
 
+def test_what_must_be_told_is_told():
+    """By hand: each fault of a spread has its line, and a faultless one none."""
+    fine = spread_path(1.0, 3.0, 0.01)
+    assert writers.warnings(fine, "x") == writers.warnings(PATH, "x") == []
+    for changed, said in (
+        ({"outside": np.array(True)}, "was not trained for this start"),
+        ({"misfit": np.array(9.0)}, "does not fit this ship today"),
+        ({"position": np.full_like(fine.spread.position, np.nan)}, "no regions for them"),
+    ):
+        (line,) = writers.warnings(replace(fine, spread=replace(fine.spread, **changed)), "x")
+        assert said in line
+
+
 def test_local_positions_have_no_geojson():
     with pytest.raises(InputError, match="positions are local"):
         writers.to_geojson(PATH, states(None), "x")

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from esso_osaka_regions import carry, cross_conformal, label_floor, populations
 from esso_osaka_tables import (
+    RATIOS,
     coverage_rows,
     coverage_table,
     floor_rows,
@@ -166,7 +167,8 @@ def main() -> None:
     )
     say(False, target_table(result, learned.name))
     for what, ratio in against(result).items():
-        say(False, f"median after {rule.horizon:g} s, {what}: {ratio}")
+        aim = f", {RATIOS[what]}" if what in RATIOS else ""
+        say(False, f"ratio of medians after {rule.horizon:g} s, {what}: {ratio}{aim}")
     say(False, floor_table(noise))
     say(False, coverage_table(held))
     if given.json:

@@ -11,7 +11,8 @@ from aspnn.evaluation.coverage import share
 from aspnn.evaluation.evaluate import Evaluation
 from aspnn.evaluation.windows import ORDER, STEADY
 
-FEW = 20  # windows: of fewer neither the 95th percentile nor the coverage is given
+FEW = 20  # windows: of fewer the 95th percentile is not given
+FEWEST = 10  # windows: of fewer the share that regions held is not given
 # What is aimed at after 10, 20 and 30 s [m, deg]: a floor, and what is ambitious.
 TARGETS: dict[str, dict[str, tuple[tuple[float, ...], tuple[float, ...]]]] = {
     ORDER: {
@@ -24,6 +25,8 @@ TARGETS: dict[str, dict[str, tuple[tuple[float, ...], tuple[float, ...]]]] = {
         "p95 m": ((0.18, 0.40, 0.78), (0.14, 0.35, 0.65)),
     },
 }
+# And of the median error at the last horizon: its ratio to another predictor's. The polynomial is to be bettered by 15 %.
+RATIOS = {f"{ORDER}, to constant": "floor 0.25, ambitious 0.20", f"{ORDER}, to polynomial": "floor 0.85"}
 
 
 def kinds(evaluation: Evaluation) -> np.ndarray:
@@ -90,7 +93,7 @@ def parts_of(evaluation: Evaluation, outside: np.ndarray) -> dict[str, np.ndarra
 
 
 def coverage_rows(evaluation: Evaluation, regions: Regions, outside: np.ndarray) -> dict[str, Any]:
-    """Coverage and area of the regions at the horizons, overall, by group and by type of run, where windows are FEW or more."""
+    """Coverage and area of the regions at the horizons, overall, by group and by type of run, where windows are FEWEST or more."""
     kind = kinds(evaluation)
     steady = (evaluation.windows["group"] == STEADY).to_numpy()
     parts = {"all": np.full(len(kind), True), ORDER: ~steady, STEADY: steady}
@@ -100,7 +103,7 @@ def coverage_rows(evaluation: Evaluation, regions: Regions, outside: np.ndarray)
     for title, mask in parts.items():
         known = mask & np.isfinite(regions.area).all(axis=1)
         found[title] = {"windows": int(known.sum())}
-        if known.sum() < FEW:
+        if known.sum() < FEWEST:
             continue
         for what, held in (("position", regions.position), ("heading", regions.heading)):
             shares = [share(column, names[known], evaluation.seed) for column in held[known].T]
@@ -113,8 +116,9 @@ def coverage_rows(evaluation: Evaluation, regions: Regions, outside: np.ndarray)
 
 def coverage_table(found: Mapping[str, Any]) -> Table:
     """Coverage of the 95 % regions, as `coverage_rows` has it."""
-    caption = f"± two standard errors of the last share, by a bootstrap over runs; of {FEW} windows or more."
-    shown = Table(title="95 % regions after 10 / 20 / 30 s", caption=caption)
+    caption = f"± two standard errors of the last share, by a bootstrap over runs; of {FEWEST} windows or more."
+    aim = "0.93 to 0.97 overall and 0.85 in every type of run are aimed at"
+    shown = Table(title=f"95 % regions after 10 / 20 / 30 s: {aim}", caption=caption)
     for title in ("windows", "place held", "heading held", "median area m2"):
         shown.add_column(title, no_wrap=True)
     for title, values in found.items():
