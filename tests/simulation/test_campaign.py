@@ -153,7 +153,9 @@ def test_interrupted_run_says_how_to_go_on(trip, go, tmp_path):
     wait_for(lambda: len(logs(out)) >= 1)
     os.killpg(run.pid, signal.SIGINT)
     said = run.communicate(timeout=60)[1]
-    assert said == f"stopped: {len(logs(out))} of 400 voyages are complete in {out}; the same command makes the others\n"
+    assert (
+        said == f"stopped: {len(logs(out))} of 400 voyages are complete in {out}; the same command makes the others\n"
+    )
     assert run.returncode == 130
     assert not [name for name in contents(out) if name.startswith(".")]
 
