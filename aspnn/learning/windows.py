@@ -68,6 +68,11 @@ class WindowSpec:
         return round(self.horizon / self.period)
 
     @property
+    def read(self) -> tuple[str, ...]:
+        """Features that are read of the states: the inputs, and the shaft speed from which a plan's goes on."""
+        return (*self.inputs, *({"shaft_speed"} & set(self.forcings) - set(self.inputs)))
+
+    @property
     def time(self) -> np.ndarray:
         """Instants [s] from the start to the horizon, (horizon_steps + 1,)."""
         return np.arange(self.horizon_steps + 1) * self.period
@@ -143,6 +148,21 @@ def plan_of(states: States, row: int, horizon: float) -> Plan:
     rudder, engine = (Orders.from_series(time, states[name]) for name in ("rudder_order_rad", "engine_order_rps"))
     ordered = engine.between(start, start + horizon) if np.isfinite(engine.values).all() else None
     return Plan(rudder.between(start, start + horizon), ordered)
+
+
+def plans_sailed(states: States, starts: np.ndarray, span: float, forcings: Sequence[str]) -> list[Plan]:
+    """The plans that a voyage followed from each of `starts` [s] over `span` [s], all of it past.
+
+    Where engine orders are not known, the shaft speed that was measured stands for them. Where they are, it would go through the
+    shaft's servo a second time.
+    """
+    time, shaft = states["time_s"], None
+    rudder = Orders.from_series(time, states["rudder_order_rad"])
+    if "shaft_speed" in forcings:
+        ordered = states["engine_order_rps"]
+        shaft = Orders.from_series(time, ordered if np.isfinite(ordered).any() else states["shaft_speed_rps"])
+        shaft = shaft if np.isfinite(shaft.values).all() else None
+    return [Plan(rudder.between(t, t + span), None if shaft is None else shaft.between(t, t + span)) for t in starts]
 
 
 def make_windows(

@@ -10,8 +10,6 @@ from typing import Protocol
 import numpy as np
 
 from aspnn.learning.features import broken
-from aspnn.learning.servo import Servos
-from aspnn.learning.windows import WindowSpec
 from aspnn.motion import Path
 from aspnn.orders import Plan
 from aspnn.prediction import learned
@@ -22,26 +20,13 @@ from aspnn.prediction.monitor import AGES, ended, errors, marks, misfit
 from aspnn.prediction.plan import Orderable, make_plan
 from aspnn.prediction.uncertainty import Calibration, beyond, carried, perturbed, shape, shifts, spread_of
 from aspnn.records import States
-from aspnn.vessel import Vessel
 
 
-class Contract(Protocol):
+class Contract(learned.Contract, Protocol):
     """What a checkpoint says of its network: the contract of `learned`, and the range of its inputs in training."""
 
     @property
-    def name(self) -> str: ...
-
-    @property
-    def spec(self) -> WindowSpec: ...
-
-    @property
-    def vessel(self) -> Vessel: ...
-
-    @property
     def domain(self) -> dict[str, list[float]]: ...
-
-    @property
-    def servos(self) -> Servos | None: ...
 
 
 def predict_carried(
@@ -64,7 +49,7 @@ def predict_carried(
     given = learned.material(contract, states, rows, plans)
     if current is not None:
         given = learned.through_water(given, spec, current)
-    unusable, time = broken(states, spec.inputs, spec.period), states["time_s"]
+    unusable, time = broken(states, spec.read, spec.period), states["time_s"]
     outside = unusable[rows + 1] > unusable[time.searchsorted(time[rows] - spec.history - 1e-6)]
     for names, values in ((spec.inputs, given.history), (spec.forcings, given.forcing)):
         for k, name in enumerate(names):

@@ -2,7 +2,7 @@
 
 A network that learned in still water knows motion through the water. Seen from the water, a steady uniform current c leaves it
 right: velocities through the water are those over ground less c, and the ground path is the water path plus c t. So c is what
-makes the network's own paths of the recent past end where the ship did. Depends on learned, orders and records.
+makes the network's own paths of the recent past end where the ship did. Depends on learned, learning and records.
 """
 
 from typing import NamedTuple
@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aspnn.learning.features import broken
-from aspnn.learning.windows import WindowSpec
-from aspnn.orders import Orders, Plan
+from aspnn.learning.windows import WindowSpec, plans_sailed
 from aspnn.prediction.learned import MOVING, Contract, Material, Network, draw, material, through_water
 from aspnn.records import States
 
@@ -56,7 +55,7 @@ def estimate_current(
     time, span = states["time_s"], spec.horizon / PARTS
     velocity, covariance = np.zeros((len(rows), 2)), np.full((len(rows), 2, 2), np.nan)
     before = spec.horizon + spec.period * (spec.history_steps - 1)
-    unusable = broken(states, spec.inputs, spec.period)
+    unusable = broken(states, spec.read, spec.period)
     whole = unusable[rows + 1] == unusable[time.searchsorted(time[rows] - before - 1e-6)]
     enough = np.flatnonzero((time[rows] - time[0] >= before - 1e-6) & whole)
     sure = np.zeros(len(rows), bool)
@@ -65,12 +64,7 @@ def estimate_current(
     begins = np.concatenate([time[rows[enough]] - spec.horizon + k * span for k in range(PARTS)])
     first, last = (time.searchsorted(t - 1e-6) for t in (begins, begins + span))
     last = np.minimum(last, np.tile(rows[enough], PARTS))  # the start itself is the end of the last part
-    orders = Orders.from_series(time, states["rudder_order_rad"])
-    measured = "shaft_speed" in spec.forcings
-    plans = [
-        Plan(orders.between(t, t + span), _shaft(states, a, b) if measured else None)
-        for t, a, b in zip(begins, first, last, strict=True)
-    ]
+    plans = plans_sailed(states, begins, span, spec.forcings)
     given = material(contract, states, first, plans)
     place = states["north_m"] + 1j * states["east_m"]
     went, steps = place[last] - place[first], np.rint((time[last] - time[first]) / spec.period).astype(int)
@@ -113,11 +107,3 @@ def estimate_current(
 def _by_start(parts: np.ndarray) -> np.ndarray:
     """Sums over the parts of each start of arrays whose first axis runs over starts within parts."""
     return parts.reshape(PARTS, -1, *parts.shape[1:]).sum(axis=0)
-
-
-def _shaft(states: States, first: int, last: int) -> Orders | None:
-    """The shaft speed that was measured over a part, or None where it was not."""
-    time, shaft = states["time_s"][first : last + 1], states["shaft_speed_rps"][first : last + 1]
-    if not np.isfinite(shaft).all():
-        return None
-    return Orders.from_series(time - time[0], shaft)

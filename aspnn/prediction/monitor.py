@@ -4,7 +4,7 @@ From the states of one and two horizons ago the model runs on again, under the o
 is known now, and its errors are measured in the standard deviations that regions go by. Where the calibration holds, the
 mean of their squares is one at every time from the start. In wind that the network does not know, in shallow water or in
 another loading it is more, and more so the later; by that much the covariance of the prediction that begins now is widened.
-Depends on orders, records and learning.features.
+Depends on orders, records and learning.
 """
 
 from typing import NamedTuple
@@ -13,9 +13,9 @@ import numpy as np
 
 from aspnn.angles import difference
 from aspnn.learning.features import broken
-from aspnn.learning.windows import WindowSpec
+from aspnn.learning.windows import WindowSpec, plans_sailed
 from aspnn.motion import Path
-from aspnn.orders import Orders, Plan
+from aspnn.orders import Plan
 from aspnn.records import States
 
 AGES = (1.0, 2.0)  # horizons ago
@@ -41,11 +41,7 @@ class Ended(NamedTuple):
 def ended(states: States, rows: np.ndarray, spec: WindowSpec) -> Ended:
     """The predictions of AGES before each of `rows` (n,); none where the states do not reach back so far or are broken there."""
     rows, time = np.asarray(rows, int), states["time_s"]
-    turned = "shaft_speed" in spec.forcings
-    unusable = broken(states, (*spec.inputs, *["shaft_speed"] * turned), spec.period)
-    orders = Orders.from_series(time, states["rudder_order_rad"])
-    turned = turned and bool(np.isfinite(states["shaft_speed_rps"]).all())
-    shaft = Orders.from_series(time, states["shaft_speed_rps"]) if turned else None
+    unusable = broken(states, spec.read, spec.period)
     of: list[int] = []
     begun: list[int] = []
     for age in AGES:
@@ -56,10 +52,7 @@ def ended(states: States, rows: np.ndarray, spec: WindowSpec) -> Ended:
         known = np.flatnonzero(reach & (begins >= 0) & (unusable[rows + 1] == unusable[first]))
         of += known.tolist()
         begun += begins[known].tolist()
-    plans = tuple(
-        Plan(orders.between(t, t + spec.horizon), None if shaft is None else shaft.between(t, t + spec.horizon))
-        for t in time[np.array(begun, int)]
-    )
+    plans = tuple(plans_sailed(states, time[np.array(begun, int)], spec.horizon, spec.forcings))
     return Ended(np.array(of, int), np.array(begun, int), plans)
 
 

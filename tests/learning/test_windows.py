@@ -13,6 +13,7 @@ from aspnn.learning.windows import (
     WindowSpec,
     make_windows,
     plan_of,
+    plans_sailed,
     read_windows,
     start_wind,
     starts,
@@ -123,6 +124,20 @@ def test_plan_holds_orders_not_measurements(states):
     shaft = plan_of(states, 500, 60.0).shaft
     assert shaft is not None
     np.testing.assert_array_equal(shaft.times, [0, 30])
+
+
+def test_a_past_plan_holds_orders_where_they_are_known(states):
+    """By hand: the engine's order, whose change at 280 s comes 30 s after 250 s; without one, what was measured."""
+    time = states["time_s"]
+    table = states.table.assign(shaft_speed_rps=time, engine_order_rps=np.where(time < 280, 2.0, 1.0))
+    starts, read = np.array([250.0, 270.0]), ("shaft_speed",)
+    early, late = (plan.shaft for plan in plans_sailed(replace(states, table=table), starts, 60.0, read))
+    assert (early.times.tolist(), late.times.tolist()) == ([0, 30], [0, 10])
+    unordered = replace(states, table=table.assign(engine_order_rps=np.nan))
+    (measured, _) = (plan.shaft for plan in plans_sailed(unordered, starts, 60.0, read))
+    np.testing.assert_allclose(measured.at(np.array([0.0, 45.0])), [250.0, 295.0])
+    assert plans_sailed(unordered, starts, 60.0, ("rudder_angle",))[0].shaft is None
+    assert plans_sailed(unordered, starts, 60.0, read)[0].rudder.at(20.0) == plan_of(states, 500, 60.0).rudder.at(20.0)
 
 
 def test_path_accelerations_on_a_circle():
