@@ -81,11 +81,11 @@ def heard() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def command(scenario, out, *words, **settings) -> subprocess.Popen:
-    """`aspnn simulate` in a process group of its own."""
+def command(scenario, out, *words, first=heard) -> subprocess.Popen:
+    """`aspnn simulate` in a process group of its own, which does `first` before it begins."""
     line = [sys.executable, "-m", "aspnn.cli", "simulate", scenario, "--out", out, *words]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen([str(word) for word in line], start_new_session=True, preexec_fn=heard, **pipes, **settings)
+    return subprocess.Popen([str(word) for word in line], start_new_session=True, preexec_fn=first, **pipes)
 
 
 def logs(folder: Path) -> set[str]:
@@ -189,8 +189,7 @@ def test_workers_that_cannot_write_stop_cleanly(trip, go, tmp_path):
 
     path, out = trip(duration=200), tmp_path / "out"
     size = 60_000  # bytes: room for the manifest, none for a truth of 2001 rows
-    limit = {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))}
-    run = command(path, out, "--workers", 2, **limit)
+    run = command(path, out, "--workers", 2, first=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)))
     said = run.communicate(timeout=100)[1]
     assert (run.returncode, said.count("\n")) == (2, 1), said
     assert said.startswith("error: ") and os.strerror(errno.EFBIG) in said and "0 of 5 voyages are complete" in said
