@@ -136,9 +136,9 @@ def predict_rows(
         covariance[..., :2, :2] += known[:, None] * path.time[:, None, None] ** 2
     if choice is not None:
         path = choice.mix(path, contract.vessel, states, rows, plans)
-    usual = shape(calibration, path[n:], covariance[n:], past.plans, states["rudder_angle_rad"][past.rows])
+    covariance = shape(calibration, path, covariance, plans, states["rudder_angle_rad"][rows])
     off = errors(past, path[n:], states)
-    square = misfit(past.start, *off, usual[:, marks(path.time)], len(starts))[of[:n]]
+    square = misfit(past.start, *off, covariance[n:, marks(path.time)], len(starts))[of[:n]]
     flow = None if flow is None else flow[:n]
     path, rows, plans = path[:n], rows[:n], plans[:n]
     spread = spread_of(calibration, path, covariance[:n], states, rows, plans, outside[:n], flow, square)

@@ -213,7 +213,7 @@ def beyond(values: np.ndarray, low: float, high: float) -> np.ndarray:
 def spread_of(
     calibration: Calibration,
     path: Path,
-    carried: np.ndarray,
+    covariance: np.ndarray,
     states: States,
     rows: np.ndarray,
     plans: Sequence[Plan],
@@ -221,7 +221,7 @@ def spread_of(
     current: np.ndarray | None = None,
     square: np.ndarray | None = None,
 ) -> Spread:
-    """The spread of paths (n, steps) with the covariances that the filter's errors become.
+    """The spread of paths (n, steps) with the covariances (n, steps, 3, 3) that `shape` gives.
 
     `outside` (n,) tells whether an input was beyond the network's training; states and shaft orders beyond those of
     calibration count too. There the half axes are doubled. `square` (n, MARKS, 2) are the misfits of `monitor`, if they are known.
@@ -242,7 +242,6 @@ def spread_of(
         if name == "shaft_speed_rps":
             ordered = [np.array([]) if plan.shaft is None else plan.shaft.values for plan in plans]
             outside = outside | np.array([bool(beyond(v[None], low, high)[0]) for v in ordered], bool)
-    covariance = shape(c, path, carried, plans, states["rudder_angle_rad"][rows])
     square = np.full((len(rows), len(MARKS), 2), np.nan) if square is None else square
     wider = widening(square, c.usual, time)
     found = [
