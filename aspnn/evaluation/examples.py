@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aspnn.evaluation.evaluate import ORACLE, Evaluation, best_baseline
-from aspnn.evaluation.windows import NEW, ORDER, STEADY
+from aspnn.evaluation.windows import ORDER, STEADY
 from aspnn.motion import Path
 from aspnn.orders import Plan
 
@@ -37,8 +37,12 @@ class Example:
 
 
 def examples(evaluation: Evaluation) -> list[Example]:
-    """Median, 95th percentile and worst order window by the main predictor's last error, and the median steady one."""
-    group = NEW if len(evaluation.rows(NEW)) else ORDER
+    """Median, 95th percentile and worst window by the main predictor's last error, and the median steady one.
+
+    The first three are of the rule's first headline group: new orders of a ship, all orders of a model ship.
+    """
+    first = evaluation.rule.headline[0]
+    group = first if len(evaluation.rows(first)) else ORDER
     found: dict[int, Example] = {}
     for name, share, groups in (
         ("Typical (median)", 0.5, group),

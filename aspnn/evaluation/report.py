@@ -40,18 +40,24 @@ def write_report(
     path: str | FilePath,
     curves: Mapping[str, pd.DataFrame] | None = None,
     notes: Mapping[str, str] | None = None,
+    words: Mapping[str, str] | None = None,
 ) -> None:
     """Write the report of an evaluation, whole or not at all.
 
     `curves` are training curves by run (columns `epoch` and whatever has `loss` in its name); `notes` are further lines
-    of the metadata (checkpoint hashes, training seeds).
+    of the metadata (checkpoint hashes, training seeds); `words` describe predictors beside those of WORDS.
     """
-    page = render(evaluation, curves or {}, notes or {})
+    page = render(evaluation, curves or {}, notes or {}, words or {})
     with records.atomic(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
 
 
-def render(evaluation: Evaluation, curves: Mapping[str, pd.DataFrame], notes: Mapping[str, str]) -> str:
+def render(
+    evaluation: Evaluation,
+    curves: Mapping[str, pd.DataFrame],
+    notes: Mapping[str, str],
+    words: Mapping[str, str],
+) -> str:
     """The report as HTML text."""
     colour = colours(evaluation)
     groups = headline_groups(evaluation)
@@ -74,7 +80,7 @@ def render(evaluation: Evaluation, curves: Mapping[str, pd.DataFrame], notes: Ma
         step=f"{evaluation.rule.horizon / 6:g}",
         reference=reference_note(evaluation),
         colour=colour,
-        words=WORDS,
+        words=WORDS | dict(words),
         headline=[_headline(evaluation, group) for group in groups],
         cases=cases,
         growth=embed(plots.growth(evaluation), "growth"),

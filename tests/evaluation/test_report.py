@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -27,7 +28,7 @@ def evaluation(voyages):
 def page(evaluation, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
     curves = {"flagship": pd.DataFrame({"epoch": [0, 1, 2], "train_loss": [3.0, 2.0, 1.0], "rate": [1, 1, 1]})}
-    write_report(evaluation, path, curves, {"checkpoint SHA-256": "0123abcd"})
+    write_report(evaluation, path, curves, {"checkpoint SHA-256": "0123abcd"}, {"second": "four metres off"})
     return path.read_text()
 
 
@@ -50,6 +51,8 @@ def test_report_holds_what_was_measured(page, evaluation):
         "new_order",
         "steady",
         "0123abcd",
+        "<b>second</b>: four metres off.",
+        "<b>oracle</b>: the true simulator",
     ):
         assert words in page
     assert "<one>" not in re.sub(r"<script.*?</script>", "", page, flags=re.S)
@@ -70,6 +73,20 @@ def test_examples_are_median_worst_and_steady(evaluation):
     ]
     assert cases[3].group == "steady"
     assert all(case.reference.north[0] == case.reference.east[0] == 0 for case in cases)
+
+
+def test_examples_of_a_model_ship_are_of_all_its_orders(voyages):
+    """By hand: its headline group is `order`, so the ranks are among all orders, not among those that were held."""
+    rule = replace(MODEL_SHIP, horizons=(30.0, 90.0))  # long enough for orders within it
+    result = evaluate([Planner("main", 1.0)], voyages, rule)
+    within, last = result.rows("orders_within_horizon"), result.errors["main"].position[:, -1]
+    last[within] += 100  # the worst are orders with others to come
+    shares, rows = (0.5, 0.95, 1.0), result.rows("order")
+    assert len(result.rows("new_order")) and len(within) > 0.1 * len(rows)
+    expected = [np.sort(last[rows])[round(share * (len(rows) - 1))] for share in shares]
+    cases = examples(result)
+    assert [case.errors["main"][-1] for case in cases[:3]] == expected
+    assert [case.group for case in cases[1:3]] == ["orders_within_horizon"] * 2
 
 
 def test_hulls_are_to_scale(evaluation):

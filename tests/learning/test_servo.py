@@ -8,7 +8,7 @@ import pytest
 
 from aspnn.learning import train
 from aspnn.learning.checkpoint import Bundle, read_bundle, write_bundle
-from aspnn.learning.identify_servo import Record, fit_rate, fit_servo, identify_servos, records, sought
+from aspnn.learning.identify_servo import Record, fit_rate, fit_servo, identify_servos, records, sought, unsure
 from aspnn.learning.servo import Identified, Servo, Servos
 from aspnn.learning.windows import Sampling
 from aspnn.orders import Orders
@@ -169,6 +169,28 @@ def test_a_rate_that_one_piece_tells_is_not_told():
     assert alike is not None
     np.testing.assert_allclose(alike, (1.0, 0.0), atol=1e-9)
     assert sought([piece(quick, 1.0)] * 6 + [piece(middle, 3.0)], rates) is None
+
+
+def test_a_rate_that_changes_from_voyage_to_voyage_is_as_unsure_as_that():
+    """Oracle: the standard error of the mean of three logarithms, 0.14 of the rate, and with it what a sample is worth, 0.08.
+    The five pieces that each voyage is cut into agree among themselves and are no fifteen witnesses (by them alone 0.10)."""
+    rates = DEGREE * np.array([1.8, 2.3, 2.9])
+    voyages = turning(tuple(rates))
+    found = fit_rate(voyages, 2.3 * DEGREE)
+    assert found is not None and found.error is not None
+    orders = [Orders.from_series(states["time_s"], states["rudder_order_rad"]).values for states in voyages]
+    late = unsure(found.servo.rate, 0.5, np.concatenate([np.diff(values) for values in orders]))
+    expected = math.hypot(np.log(rates).std(ddof=1) / math.sqrt(3), late)
+    assert found.error.rate / found.servo.rate == pytest.approx(expected, rel=0.13)
+
+
+def test_a_rudder_as_quick_as_samples_is_not_told():
+    """Oracle: by hand, 10 deg at 2 deg/s are half done after 2.5 s, which is 0.25 s in ten; steps of 1 deg hardly count. A rudder
+    of 30 deg/s is over within a sample or two of 0.5 s: pieces and voyages agree on it, and would if all orders were late."""
+    assert unsure(2 * DEGREE, 0.25, np.array([10, -10]) * DEGREE) == pytest.approx(0.1)
+    assert unsure(2 * DEGREE, 0.25, np.array([10, -1, 1, 1]) * DEGREE) == pytest.approx(0.1, rel=0.01)
+    voyages = [replace(states, voyage=str(k)) for k, states in enumerate(turning((30 * DEGREE,) * 3))]
+    assert fit_rate(voyages, 20 * DEGREE) is None
 
 
 def test_states_take_the_angle_of_a_servo_found_from_motion():

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from aspnn.motion import Path as Motion
 from aspnn.orders import Orders, Plan
 from aspnn.records import Log
 from aspnn.vessel import load_vessel
@@ -16,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "training/reproduce"))
 
 import esso_osaka
 import esso_osaka_regions as regions
+import esso_osaka_tables as tables
 
 
 def made(n=900, seed=0) -> tuple[regions.Carried, np.ndarray]:
@@ -107,3 +109,61 @@ def test_orders_that_training_hardly_had_are_unseen():
         for rudder, n in ((0.1, 10), (0.1, 12), (0.7, 0))
     ]
     assert told == [False, True, True]
+
+
+def test_regions_of_a_quick_ship_grow_with_the_order_and_the_distance_run():
+    """By hand: 3 and 4 m/s along and across make 5 m a second; an order of 0.1 rad from amidships, given at 10 s."""
+    time = np.arange(0.0, 31.0, 10.0)
+    flat = np.zeros((2, len(time)))
+    path = Motion(time, flat, flat, flat, flat + 3.0, flat + 4.0, flat, flat)
+    plans = [Plan(Orders(np.array([0.0, 10.0]), np.array([0.0, size]))) for size in (0.1, -0.2)]
+    found = regions.driving(path, plans, np.zeros(2), np.array([0.02, -0.03]))
+    assert found.shape == (2, 4, 6)
+    np.testing.assert_allclose(np.sqrt(found[..., 4]), [[0, 5, 10, 15], [0, 10, 20, 30]], atol=1e-12)
+    np.testing.assert_allclose(np.sqrt(found[..., 5]), [[0.02] * 4, [0.03] * 4])
+
+
+def test_labels_that_jump_are_found():
+    """By hand: circles of 3 m at 0.5 m/s, sway and all, at 1 s; one of three is set off by 8 cm from 12 s on, one by 2 cm."""
+    time = np.arange(31.0)
+    place = 3 * np.exp(1j * (time / 6 + np.arange(3)[:, None]))
+    place = place + np.array([[0.0], [0.08j], [0.02]]) * (time >= 12)
+    speed = 0.5j * np.exp(1j * (time / 6 + np.arange(3)[:, None]))
+    heading = np.angle(speed) - 0.2  # sways
+    over = speed * np.exp(-1j * heading)
+    flat = np.zeros((3, len(time)))
+    path = Motion(time, place.real, place.imag, heading, over.real, over.imag, flat, flat)
+    found = regions.jumping(type("Evaluation", (), {"reference": path}))
+    assert found.tolist() == [False, True, False]
+
+
+def test_seeds_are_told_by_median_and_range():
+    """By hand: three sets of seeds; of groups with too few windows for it, no p95."""
+
+    def one(k: float) -> dict:
+        values = {"median m": [k, 2 * k, 3 * k], "heading deg": [10 * k] * 3}
+        held = {"windows": 30, "position": [k] * 3, "heading": [1 - k] * 3}
+        few = {"windows": 3}
+        return {
+            "by_horizon": {g: {"net": values} for g in ("order", "steady", tables.WHOLE)},
+            "coverage": {"all": held, "turn": few},
+        }
+
+    shown = tables.seeds_table([one(0.3), one(0.1), one(0.15)], "net")
+    rows = list(zip(*(column.cells for column in shown.columns), strict=True))
+    assert rows[0][:5] == (
+        "order",
+        "median m",
+        "0.150 / 0.300 / 0.450",
+        "0.100 / 0.200 / 0.300",
+        "0.300 / 0.600 / 0.900",
+    )
+    assert [row[:2] for row in rows[1:]] == [
+        ("order", "heading deg"),
+        ("steady", "median m"),
+        (tables.WHOLE, "median m"),
+        (tables.WHOLE, "heading deg"),
+        ("all", "position held"),
+        ("all", "heading held"),
+    ]
+    assert rows[-1][2:5] == ("0.850 / 0.850 / 0.850", "0.700 / 0.700 / 0.700", "0.900 / 0.900 / 0.900")

@@ -19,6 +19,7 @@ from aspnn.prediction.uncertainty import FULL, axes, drivers
 from aspnn.records import Log, States
 
 MEASURED = ("midship_north_m", "midship_east_m", "heading_deg", "yaw_rate_deg_s")
+JUMP = 0.05  # m in a step of the horizon: five times the noise of a fix
 BLOCK = 1.0  # s of samples that each half of the sensors' record gets in turn
 
 
@@ -33,7 +34,7 @@ class Carried:
     """Windows (n,) at the rule's horizons: errors and the filter's covariance in course axes, drivers, and both in the grid.
 
     errors (n, horizons, 3) north, east [m], heading [rad]; covariance (n, horizons, 3, 3) of the same by the filter's errors;
-    turn (n, horizons, 3, 3) from course to grid axes (uncertainty.axes); driving (n, horizons, 4).
+    turn (n, horizons, 3, 3) from course to grid axes (uncertainty.axes); driving (n, horizons, 6): see `driving`.
     """
 
     errors: np.ndarray
@@ -68,13 +69,29 @@ def carry(evaluation: Evaluation, states: Sequence[States], predictor: Carries) 
             continue
         rows, plans = np.searchsorted(of["time_s"], begin[which] - 1e-6), [evaluation.plans[k] for k in which]
         path, covariance = predictor.predict_carried(of, rows, plans)
+        driven = driving(path, plans, of["rudder_angle_rad"][rows], of["yaw_acceleration_rad_s2"][rows])
         at = [int(np.argmin(np.abs(path.time - h))) for h in horizons]
         path, true = path.at(path.time[at]), evaluation.reference[which]
         errors = [path.north - true.north[:, columns], path.east - true.east[:, columns]]
         errors.append(difference(path.heading, true.heading[:, columns]))
-        driving = drivers(path, plans, of["rudder_angle_rad"][rows])
-        parts.append((np.stack(errors, axis=-1), covariance[:, at], axes(path), driving))
+        parts.append((np.stack(errors, axis=-1), covariance[:, at], axes(path), driven[:, at]))
     return Carried(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+
+
+def driving(path: Path, plans: Sequence[Plan], angle: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+    """What the model's error grows with (n, steps, 6): `uncertainty.drivers` and two more of this regime's, squared.
+
+    The order so far times the distance run [rad m]: a rudder's force goes with the square of the speed, so that is how an
+    error of the order's effect moves a place, and zigzags run twice as fast as the rest. And `yaw` (n,), the yaw acceleration
+    at the start [rad/s2]: in the middle of a manoeuvre the state is known less well. Both were chosen by the likelihood of
+    errors in folds that neither the network nor the regression had seen.
+    """
+    known = drivers(path, plans, angle)
+    speed, steps = np.hypot(path.surge, path.sway), np.diff(path.time)
+    run = np.cumsum(steps * (speed[:, 1:] + speed[:, :-1]) / 2, axis=1)
+    run = np.concatenate([np.zeros((len(run), 1)), run], axis=1)
+    own = [known[..., 2] * run**2, np.broadcast_to(yaw[:, None] ** 2, run.shape)]
+    return np.concatenate([known, np.stack(own, axis=-1)], axis=-1)
 
 
 def cross_conformal(windows: Carried, fold: np.ndarray, population: np.ndarray) -> Regions:
@@ -125,6 +142,19 @@ def _shape(windows: Carried) -> Callable[[Carried], np.ndarray]:
 def populations(evaluation: Evaluation) -> np.ndarray:
     """The population of each window, known at its start: steady or not. New orders that are held are too few by themselves."""
     return (evaluation.windows["group"] == STEADY).to_numpy()
+
+
+def jumping(evaluation: Evaluation) -> np.ndarray:
+    """Whether the label of each window (n,) jumps: in some step its place moves JUMP further than its own velocities say.
+
+    There the filter had refused fixes, rightly or not, until it took them again elsewhere. No predictor can know, and neither
+    the smoother's deviations nor halves of the record tell: both believe what the gate let through.
+    """
+    path = evaluation.reference
+    over_ground = (path.surge + 1j * path.sway) * np.exp(1j * path.heading)
+    sailed = np.diff(path.time) * (over_ground[:, 1:] + over_ground[:, :-1]) / 2
+    found: np.ndarray = (np.abs(np.diff(path.north + 1j * path.east, axis=1) - sailed) > JUMP).any(axis=1)
+    return found
 
 
 @dataclass(frozen=True)

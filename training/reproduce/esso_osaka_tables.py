@@ -12,6 +12,8 @@ from aspnn.evaluation.evaluate import Evaluation
 from aspnn.evaluation.windows import ORDER, STEADY
 
 FEW = 20  # windows: of fewer the 95th percentile is not given
+JUMPS, WHOLE = "jumps", "no jumps"
+TOLD = f"{JUMPS}: windows whose labels jump; {WHOLE}: those at orders whose labels do not."
 FEWEST = 10  # windows: of fewer the share that regions held is not given
 # What is aimed at after 10, 20 and 30 s [m, deg]: a floor, and what is ambitious.
 TARGETS: dict[str, dict[str, tuple[tuple[float, ...], tuple[float, ...]]]] = {
@@ -67,9 +69,34 @@ def target_table(evaluation: Evaluation, name: str) -> Table:
     return shown
 
 
+def seeds_table(told: Sequence[Mapping[str, Any]], name: str) -> Table:
+    """Medians over sets of seeds, and their ranges: a predictor's errors beside the targets, and what its regions held.
+
+    Each of `told` has `by_horizon` (group, predictor, what, values at the horizons) and `coverage` as `coverage_rows` has it.
+    """
+    shown = Table(title=f"{name}: median and range of {len(told)} sets of seeds, after 10 / 20 / 30 s", caption=TOLD)
+    for title in ("group", "what", "median", "lowest", "highest", "floor"):
+        shown.add_column(title, no_wrap=True)
+
+    def add(group: str, what: str, values: np.ndarray, digits: int, aim: str) -> None:
+        spread = np.median(values, axis=0), values.min(axis=0), values.max(axis=0)
+        shown.add_row(group, what, *(row(v.tolist(), digits) for v in spread), aim)
+
+    for group, wanted in (TARGETS | {WHOLE: TARGETS[ORDER]}).items():
+        for what, (floor, _) in wanted.items():
+            found = [each["by_horizon"][group][name].get(what) for each in told]
+            if all(found):
+                digits = 1 if what.endswith("deg") else 3
+                add(group, what, np.array(found), digits, row(floor, digits))
+    for part, values in told[0]["coverage"].items():
+        for what in ("position", "heading") if "position" in values else ():
+            add(part, f"{what} held", np.array([each["coverage"][part][what] for each in told]), 3, "")
+    return shown
+
+
 def kind_table(evaluation: Evaluation, names: Sequence[str], parts: Mapping[str, np.ndarray]) -> Table:
     """Errors of some predictors in parts of the windows (masks by title), after 10 / 20 / 30 s."""
-    shown = Table(title="Errors after 10 / 20 / 30 s, by type of run", caption=f"p95 of {FEW} windows or more.")
+    shown = Table(title="Errors after 10 / 20 / 30 s, by type of run", caption=f"p95 of {FEW} windows or more. {TOLD}")
     for title in ("windows", "predictor", "median m", "p95 m", "heading deg"):
         shown.add_column(title, no_wrap=True)
     for title, mask in parts.items():
@@ -82,22 +109,23 @@ def kind_table(evaluation: Evaluation, names: Sequence[str], parts: Mapping[str,
     return shown
 
 
-def parts_of(evaluation: Evaluation, outside: np.ndarray) -> dict[str, np.ndarray]:
-    """Masks (windows,) by title: groups, types of run within groups, and orders `outside` the range of training."""
+def parts_of(evaluation: Evaluation, outside: np.ndarray, jumping: np.ndarray) -> dict[str, np.ndarray]:
+    """Masks (windows,) by title: groups, types of run within groups, orders `outside` the range of training, labels that jump."""
     steady = (evaluation.windows["group"] == STEADY).to_numpy()
     found = {ORDER: ~steady, STEADY: steady}
     kind = kinds(evaluation)
     for name in np.unique(kind):
         found |= {f"{name}, {group}": (kind == name) & mask for group, mask in ((ORDER, ~steady), (STEADY, steady))}
-    return found | {"orders outside training": outside}
+    return found | {"orders outside training": outside, JUMPS: jumping, WHOLE: ~steady & ~jumping}
 
 
-def coverage_rows(evaluation: Evaluation, regions: Regions, outside: np.ndarray) -> dict[str, Any]:
+def coverage_rows(evaluation: Evaluation, regions: Regions, outside: np.ndarray, jumping: np.ndarray) -> dict[str, Any]:
     """Coverage and area of the regions at the horizons, overall, by group and by type of run, where windows are FEWEST or more."""
     kind = kinds(evaluation)
     steady = (evaluation.windows["group"] == STEADY).to_numpy()
     parts = {"all": np.full(len(kind), True), ORDER: ~steady, STEADY: steady}
-    parts |= {str(name): kind == name for name in np.unique(kind)} | {"orders outside training": outside}
+    parts |= {str(name): kind == name for name in np.unique(kind)}
+    parts |= {"orders outside training": outside, JUMPS: jumping}
     names = np.array([entry["voyage"] for entry in evaluation.data])[evaluation.windows["voyage"].to_numpy()]
     found: dict[str, Any] = {}
     for title, mask in parts.items():
