@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aspnn.motion.path import Path, _walk, pivot_path
+from aspnn.motion.path import Path, pivot_path, walk
 from aspnn.motion.pivot import two_station_motion
 
 
@@ -33,7 +33,7 @@ def paper_vi_printed(pose, surge, sway, yaw_rate, dt) -> Path:
     turned = np.cumsum(turn, axis=-1) - turn
     about = np.where(turning, lever * (1 - np.exp(1j * turn)), 1j * sway * dt)
     step = surge * dt + about * np.exp(-1j * turned)
-    return _late(_walk(pose, step, turn, np.stack([surge, sway, yaw_rate], axis=-1), dt))
+    return _late(walk(pose, step, turn, np.stack([surge, sway, yaw_rate], axis=-1), dt))
 
 
 def paper_v_printed(pose, surge, sway_bow, sway_stern, dt, x_bow: float, x_stern: float) -> Path:
@@ -46,7 +46,7 @@ def paper_v_printed(pose, surge, sway_bow, sway_stern, dt, x_bow: float, x_stern
     sway, yaw_rate = two_station_motion(sway_bow, sway_stern, x_bow, x_stern)
     yaw_rate = np.copysign(yaw_rate, sway_stern)
     turn = yaw_rate * dt
-    return _walk(pose, surge * dt * np.exp(1j * turn), turn, np.stack([surge, sway, yaw_rate], axis=-1), dt)
+    return walk(pose, surge * dt * np.exp(1j * turn), turn, np.stack([surge, sway, yaw_rate], axis=-1), dt)
 
 
 def paper_v_corrected(pose, surge, sway_bow, sway_stern, dt, x_bow: float, x_stern: float) -> Path:
@@ -61,7 +61,7 @@ def paper_v_corrected(pose, surge, sway_bow, sway_stern, dt, x_bow: float, x_ste
     # -v / r (1 - exp(i w)) = i v dt exp(i w / 2) sinc(w / 2): the same arc without the pole at r = 0.
     about = 1j * sway * dt * np.exp(1j * turn / 2) * np.sinc(turn / (2 * np.pi))
     step = about + surge * dt * np.exp(1j * turn)
-    return _walk(pose, step, turn, np.stack([surge, sway, yaw_rate], axis=-1), dt)
+    return walk(pose, step, turn, np.stack([surge, sway, yaw_rate], axis=-1), dt)
 
 
 def midpoint_path(pose, surge, sway, yaw_rate, dt) -> Path:
@@ -69,7 +69,7 @@ def midpoint_path(pose, surge, sway, yaw_rate, dt) -> Path:
     surge, sway, yaw_rate = np.broadcast_arrays(*(np.asarray(w, float) for w in (surge, sway, yaw_rate)))
     turn = yaw_rate * dt
     step = (surge + 1j * sway) * dt * np.exp(0.5j * turn)
-    return _walk(pose, step, turn, np.stack([surge, sway, yaw_rate], axis=-1), dt)
+    return walk(pose, step, turn, np.stack([surge, sway, yaw_rate], axis=-1), dt)
 
 
 def _late(path: Path) -> Path:

@@ -162,7 +162,7 @@ def pivot_path(pose, surge, sway, yaw_rate, dt) -> Path:
     lever = np.where(turning, -sway / np.where(turning, yaw_rate, 1.0), 0.0)
     # In body axes at the step's start: forward u dt, then (1 - exp(i turn)) L for the turn about the pivot point.
     step = surge * dt + np.where(turning, lever * (1 - np.exp(1j * turn)), 1j * sway * dt)
-    return _walk(pose, step, turn, np.stack([surge, sway, yaw_rate], axis=-1), dt)
+    return walk(pose, step, turn, np.stack([surge, sway, yaw_rate], axis=-1), dt)
 
 
 def paper_v_path(pose, surge, sway_bow, sway_stern, dt, x_bow: float, x_stern: float) -> Path:
@@ -173,10 +173,10 @@ def paper_v_path(pose, surge, sway_bow, sway_stern, dt, x_bow: float, x_stern: f
     """
     sway, yaw_rate = two_station_motion(np.asarray(sway_bow, float), np.asarray(sway_stern, float), x_bow, x_stern)
     turn = yaw_rate * dt
-    return _walk(pose, surge * dt * np.exp(1j * turn), turn, np.stack([surge + 0 * sway, sway, yaw_rate], axis=-1), dt)
+    return walk(pose, surge * dt * np.exp(1j * turn), turn, np.stack([surge + 0 * sway, sway, yaw_rate], axis=-1), dt)
 
 
-def _walk(pose, step, turn, velocity, dt) -> Path:
+def walk(pose, step, turn, velocity, dt) -> Path:
     """Add up body displacements `step` (forward + i starboard) and turns; the velocities are kept as given."""
     path = integrate(pose, velocity, dt)
     heading = np.asarray(pose, float)[..., 2:3] + np.concatenate([0 * turn[..., :1], np.cumsum(turn, axis=-1)], axis=-1)
