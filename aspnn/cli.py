@@ -131,14 +131,43 @@ def filter_(
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Write the smoothed states too (labels, never inputs).")
     ] = False,
+    spatial: Annotated[
+        bool, typer.Option("--spatial", help="In three dimensions, for boats that roll and pitch: by attitude and IMU.")
+    ] = False,
     noise: NoiseFile = None,
     quiet: Quiet = False,
 ) -> None:
     """Filter logs into navigation states."""
     from aspnn.workflow import filter_files, silent
 
-    made = filter_files(logs, out, smooth, silent if quiet else watch, noise, lambda line: say(quiet, line))
+    watched = silent if quiet else watch
+    made = filter_files(logs, out, smooth, watched, noise, lambda line: say(quiet, line), spatial)
     say(quiet, f"{len(made)} state files in {out}")
+
+
+@app.command()
+def mount(
+    log: Annotated[
+        Path,
+        typer.Argument(help="Canonical log with imu_force columns, of a run that changes speed.", show_default=False),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Noise file (JSON) to write, for --noise.", show_default=False)
+    ] = None,
+    noise: NoiseFile = None,
+    quiet: Quiet = False,
+) -> None:
+    """Find how an IMU is mounted: its axes and residual angles, as the section imu of a vessel file."""
+    import json
+
+    from aspnn.workflow import mount_file
+
+    found = mount_file(log, out, noise)
+    for line in found.lines():
+        say(quiet, line)
+    print(f'"imu": {json.dumps(found.section())}')
+    if out:
+        say(quiet, f"written: {out}")
 
 
 @app.command()
@@ -178,6 +207,9 @@ def windows(
 @app.command()
 def train(
     config: Annotated[Path, typer.Argument(help="Training file (training/*.toml).", show_default=False)],
+    start: Annotated[
+        Path | None, typer.Option("--from", help="Checkpoint to fine-tune: its network learns on from these logs.")
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed in place of the file's.")] = None,
     out: Annotated[Path | None, typer.Option(help="Run folder; runs/NAME without it.")] = None,
     checkpoint: Annotated[Path | None, typer.Option(help="Folder for a second copy of the bundle.")] = None,
@@ -191,7 +223,10 @@ def train(
     """Train a predictor. A run that was killed goes on where it was when called again."""
     from aspnn.workflow import silent, train
 
-    folder = train(config, out, seed, checkpoint, quiet, silent if quiet else watch, devices, num_nodes)
+    watched = silent if quiet else watch
+    folder = train(
+        config, out, seed, checkpoint, quiet, watched, devices, num_nodes, start, lambda line: say(quiet, line)
+    )
     say(quiet, f"checkpoint in {folder}")
 
 

@@ -52,6 +52,13 @@ LOG = (
     Column("acceleration_surge_m_s2", "m/s2", "body", "acceleration forward at the IMU, gravity removed"),
     Column("acceleration_sway_m_s2", "m/s2", "body", "acceleration to starboard at the IMU, gravity removed"),
     Column("acceleration_heave_m_s2", "m/s2", "body", "acceleration downward at the IMU, gravity removed"),
+    *(
+        Column(
+            f"imu_force_{axis}_m_s2", "m/s2", "IMU", f"accelerometer along the IMU's own {axis} axis, gravity included"
+        )
+        for axis in "xyz"
+    ),
+    *(Column(f"imu_rate_{axis}_deg_s", "deg/s", "IMU", f"rate gyro about the IMU's own {axis} axis") for axis in "xyz"),
     Column("rudder_order_deg", "deg", "-", "rudder order; positive turns the ship to starboard"),
     Column("rudder_angle_deg", "deg", "-", "measured rudder angle; positive turns the ship to starboard"),
     Column("engine_order_rps", "rev/s", "-", "ordered shaft speed, ahead positive"),
@@ -133,13 +140,43 @@ STATES = (
     Column("innovation_sway_m_s2", "m/s2", "body", "measured minus predicted acceleration to starboard"),
     Column("nis_heading", "-", "-", "normalised innovation squared of the heading, 1 degree of freedom"),
     Column("nis_yaw_rate", "-", "-", "normalised innovation squared of the yaw rate, 1 degree of freedom"),
-    Column("nis_NAME", "-", "-", "normalised innovation squared of antenna NAME, 2 degrees of freedom"),
+    Column(
+        "innovation_NAME_down_m",
+        "m",
+        "down",
+        "measured minus predicted place of antenna NAME downward; three dimensions only",
+    ),
+    Column(
+        "nis_NAME",
+        "-",
+        "-",
+        "normalised innovation squared of antenna NAME, 2 degrees of freedom; 3 in three dimensions where it has a height",
+    ),
     Column("nis_acceleration", "-", "-", "normalised innovation squared of the accelerations, 2 degrees of freedom"),
     Column("gated", "bool", "-", "a fix was rejected by the chi-square gate", needed=True),
     Column(
         "stale", "bool", "-", "a fix repeats its predecessor, or another sensor sticks, and was not used", needed=True
     ),
     Column("coasting", "bool", "-", "no position has been used for longer than two seconds", needed=True),
+    Column(
+        "roll_rad",
+        "rad",
+        "body",
+        "roll, starboard side down positive; this and what follows of filters in three dimensions",
+    ),
+    Column("pitch_rad", "rad", "body", "pitch, bow up positive"),
+    Column("down_m", "m", "down", "place of midship below the ellipsoid (the height turned round)"),
+    Column("down_velocity_m_s", "m/s", "down", "velocity of midship downward"),
+    Column("down_m_sd", "m", "down", "standard deviation of down_m"),
+    Column("down_velocity_m_s_sd", "m/s", "down", "standard deviation of down_velocity_m_s"),
+    *(
+        Column(f"accelerometer_bias_{way}_m_s2", "m/s2", "body", f"what the accelerometers read too much {to}")
+        for way, to in (("forward", "forward"), ("starboard", "to starboard"), ("down", "downward"))
+    ),
+    *(
+        Column(f"gyro_bias_{way}_rad_s", "rad/s", "body", f"what the rate gyros read too much about the {axis} axis")
+        for way, axis in (("roll", "x"), ("pitch", "y"), ("yaw", "z"))
+    ),
 )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from aspnn.frames import attitude
 from aspnn.schema import InputError
 
 FOLDER = Path(__file__).parent / "vessels"
@@ -26,6 +27,8 @@ KEYS = (
     "sensors",
     "process",
     "calibration",
+    "imu",
+    "spatial",
     "sources",
 )
 SIMULATOR = ("mmg", "mariner", "otter", "trimaran", "workboat", "propeller", "engine", "pitch", "wind", "domain")
@@ -48,6 +51,15 @@ CALIBRATION_KEYS = {  # key of a file: field of Calibration, least, most
     "heading_delay_s": ("heading_delay", 0.0, 15.0),
     "yaw_rate_delay_s": ("yaw_rate_delay", 0.0, 15.0),
     "acceleration_delay_s": ("acceleration_delay", 0.0, 5.0),
+}
+
+SPATIAL_KEYS = {  # key of a file: field of Spatial; `_deg` marks angles
+    "height_m": "height",
+    "attitude_deg": "attitude",
+    "acceleration_density_m2_s3": "acceleration_density",
+    "turning_density_rad2_s": "turning_density",
+    "accelerometer_bias_m_s2": "accelerometer_bias",
+    "gyro_bias_deg_s": "gyro_bias",
 }
 
 
@@ -84,6 +96,56 @@ class Calibration:
 
 
 @dataclass(frozen=True)
+class Spatial:
+    """What the filters in three dimensions expect beside `Noise`, in SI and radians.
+
+    Standard deviations of the height of an antenna, of the gyro's roll and pitch, and of the constant errors of accelerometers and
+    rate gyros; `acceleration_density` [m2/s3] and `turning_density` [rad2/s] are those of what the sensors' noise does not explain
+    in acceleration and turning (vibration, clocks, what happens between samples).
+    """
+
+    height: float = 1.5
+    attitude: float = math.radians(0.1)
+    acceleration_density: float = 1e-4
+    turning_density: float = 1e-8
+    accelerometer_bias: float = 0.05
+    gyro_bias: float = math.radians(0.05)
+
+
+READS = {"force": 1.0, "reaction": -1.0}  # what accelerometers read: f = a - g, or g - a
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """How an IMU sits in its ship, and with which sign its accelerometers read.
+
+    `axes[i]` names the sensor's axis, with its sign, that lies along axis i of the ship (x forward, y starboard, z down) but for
+    the `misalignment` (roll, pitch, yaw) [rad]. `sign` is 1 for accelerometers that read the specific force f = a - g, on a
+    z axis that points up +9.81 at rest, and -1 for those that read its reaction g - a (as the unit of Paper VI does, E12).
+    """
+
+    axes: tuple[str, str, str] = ("x", "y", "z")
+    misalignment: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sign: float = 1.0
+
+    def rotation(self) -> np.ndarray:
+        """Rotation (3, 3) from the sensor's axes into the ship's: R_zyx(yaw, pitch, roll) A (thesis 3.44-3.45), for rates."""
+        return attitude(*self.misalignment) @ _axes_matrix(self.axes)
+
+    def matrix(self) -> np.ndarray:
+        """Matrix (3, 3) from the accelerometers' readings to the specific force in ship axes: sign x rotation (thesis 3.46)."""
+        return self.sign * self.rotation()
+
+
+def _axes_matrix(axes: tuple[str, str, str]) -> np.ndarray:
+    """Signed permutation (3, 3): row i picks the sensor's axis that `axes[i]` names."""
+    rows = np.zeros((3, 3))
+    for row, axis in zip(rows, axes, strict=True):
+        row["xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
+    return rows
+
+
+@dataclass(frozen=True)
 class Vessel:
     """What the predictor knows of a ship. Lengths in metres, angles in radians, stations in body axes from midship.
 
@@ -103,6 +165,8 @@ class Vessel:
     stations: dict[str, tuple[float, float]] = field(default_factory=dict)
     noise: Noise = Noise()
     calibration: Calibration = Calibration()
+    mounting: Mounting = Mounting()
+    spatial: Spatial = Spatial()
     title: str = ""
     heights: dict[str, float] = field(default_factory=dict)
     steering_delay: float = 0.0
@@ -155,6 +219,10 @@ class Vessel:
         data |= self.simulator
         if self.calibration != Calibration():
             data["calibration"] = calibration_data(self.calibration)
+        if self.mounting != Mounting():
+            data["imu"] = mounting_data(self.mounting)
+        if self.spatial != Spatial():
+            data["spatial"] = {key: _told(key, getattr(self.spatial, name)) for key, name in SPATIAL_KEYS.items()}
         return data
 
     def with_stations(self, **stations: tuple[float, float]) -> "Vessel":
@@ -208,6 +276,66 @@ def read_calibration(data: dict[str, Any], where: str) -> Calibration:
             raise InputError(f"{where}: calibration.{key} = {value} must be a number from {low:g} to {high:g}")
         found[name] = math.radians(value) if "_deg" in key else float(value)
     return Calibration(**found)
+
+
+def read_spatial(data: dict[str, Any], where: str) -> Spatial:
+    """Spatial from the section `spatial` of plain data; what it does not name is the default. Raises InputError."""
+    found = {}
+    for key, value in data.get("spatial", {}).items():
+        if key not in SPATIAL_KEYS:
+            near = get_close_matches(key, SPATIAL_KEYS, 1)
+            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(SPATIAL_KEYS)}"
+            raise InputError(f"{where}: spatial.{key} is not known, {hint}")
+        if not (isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf):
+            raise InputError(f"{where}: spatial.{key} = {value} must be a positive number")
+        found[SPATIAL_KEYS[key]] = math.radians(value) if "_deg" in key else float(value)
+    return Spatial(**found)
+
+
+def mounting_data(mounting: Mounting) -> dict[str, Any]:
+    """The section `imu` of a vessel file."""
+    return {
+        "axes": list(mounting.axes),
+        "misalignment_deg": [_degrees(angle) for angle in mounting.misalignment],
+        "reads": next(word for word, sign in READS.items() if sign == mounting.sign),
+    }
+
+
+def read_mounting(data: dict[str, Any], where: str) -> Mounting:
+    """Mounting from the section `imu` of plain data; what it does not name is that of a unit along the ship's axes. Raises InputError."""
+    section = data.get("imu", {})
+    for key in section:
+        if key not in ("axes", "misalignment_deg", "reads"):
+            near = get_close_matches(key, ("axes", "misalignment_deg", "reads"), 1)
+            hint = f"did you mean {near[0]}?" if near else "known: axes, misalignment_deg, reads"
+            raise InputError(f"{where}: imu.{key} is not known, {hint}")
+    axes = section.get("axes", ["x", "y", "z"])
+    known = [sign + axis for sign in ("", "-") for axis in "xyz"]
+    if not (isinstance(axes, list) and len(axes) == 3 and all(axis in known for axis in axes)):
+        raise InputError(f'{where}: imu.axes = {axes} must be three of {", ".join(known)}, such as ["x", "-y", "-z"]')
+    repeated = next((a for a in "xyz" if sum(axis[-1] == a for axis in axes) > 1), None)
+    if repeated:
+        raise InputError(
+            f"{where}: imu.axes = {axes} name the sensor's axis {repeated} more than once; name x, y and z once each"
+        )
+    if np.linalg.det(_axes_matrix(tuple(axes))) < 0:
+        raise InputError(
+            f"{where}: imu.axes = {axes} are left-handed, as no unit is mounted; turn the sign of one of them"
+        )
+    angles = section.get("misalignment_deg", [0.0, 0.0, 0.0])
+    if not (
+        isinstance(angles, list)
+        and len(angles) == 3
+        and all(isinstance(a, int | float) and not isinstance(a, bool) and abs(a) < 45 for a in angles)
+    ):
+        raise InputError(
+            f"{where}: imu.misalignment_deg = {angles} must be roll, pitch and yaw within 45 degrees; larger turns belong into imu.axes"
+        )
+    reads = section.get("reads", "force")
+    if not (isinstance(reads, str) and reads in READS):
+        raise InputError(f"{where}: imu.reads = {reads} must be force (a - g) or reaction (g - a)")
+    roll, pitch, yaw = (math.radians(a) for a in angles)
+    return Mounting((axes[0], axes[1], axes[2]), (roll, pitch, yaw), READS[reads])
 
 
 def _told(key: str, value: float) -> float:
@@ -289,6 +417,8 @@ def from_dict(data: dict[str, Any], where: str = "vessel") -> Vessel:
         heights=heights,
         noise=read_noise(data, scaled_noise(length), where),
         calibration=read_calibration(data, where),
+        mounting=read_mounting(data, where),
+        spatial=read_spatial(data, where),
         steering_delay=optional("rudder", "delay_s", 10),
         dead_band=math.radians(optional("rudder", "dead_band_deg", 10)),
         simulator={key: data[key] for key in SIMULATOR if key in data},

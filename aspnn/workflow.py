@@ -16,14 +16,17 @@ from aspnn.checks import check_log
 from aspnn.estimation import filter_log, smooth_log
 from aspnn.estimation.cascade import filter_file
 from aspnn.estimation.measurements import opening
-from aspnn.estimation.noise_file import with_noise_file, write_noise_file
+from aspnn.estimation.mounting import Alignment, align
+from aspnn.estimation.noise_file import with_noise_file, write_mounting_file, write_noise_file
+from aspnn.estimation.spatial import filter_spatial
 from aspnn.estimation.tuning import Tuning, tune
 from aspnn.frames import Zone, convergence
 from aspnn.learning.config import Training, read_training
-from aspnn.learning.windows import write_windows
-from aspnn.records import Log
+from aspnn.learning.windows import WindowSpec, write_windows
+from aspnn.records import Log, States
 from aspnn.schema import InputError
 from aspnn.simulation.scenario import read_scenario, simulate_scenario
+from aspnn.vessel import Vessel
 
 ZONE = math.radians(3.0)  # half the width of a UTM zone
 Watch = Callable[[Iterable, str, int], Iterable]  # (things, what is done, how many) -> the same things, shown
@@ -82,24 +85,48 @@ def filter_files(
     watch: Watch = silent,
     noise: str | Path | None = None,
     tell: Callable[[str], None] = lambda line: None,
+    spatial: bool = False,
 ) -> list[Path]:
     """Filter logs into `out` as NAME.states.parquet (and, smoothed, NAME.smoothed.parquet). Returns the state files.
 
     `noise` is a noise file in place of the noise and the calibration of the logs' vessel. `tell` gets a line on each log that
-    lies outside its UTM zone. Logs are filtered in blocks; smoothing has the whole of one in memory.
+    lies outside its UTM zone. Logs are filtered in blocks; smoothing has the whole of one in memory, and so has filtering in
+    three dimensions (`spatial`), which smooths nothing.
     """
+    if spatial and smooth:
+        raise InputError("--smooth is of the planar filter; leave out --spatial or --smooth")
     files = records.log_files(logs)
     tuned = None if noise is None else partial(with_noise_file, path=noise)
     made = []
     for file in watch(files, "filtering", len(files)):
         made.append(Path(out) / f"{Path(file).stem}.states.parquet")
-        zone, place = filter_file(file, made[-1], tuned)
+        zone, place = (filter_spatial_file if spatial else filter_file)(file, made[-1], tuned)
         if zone is not None and abs(from_meridian(zone, place[1])) > ZONE:
             tell(f"{file}: lies outside its zone; {zone_line(zone, place)}")
         if smooth:
             log = with_noise(records.read_log(file), noise)
             records.write_states(smooth_log(log), made[-1].with_name(f"{Path(file).stem}.smoothed.parquet"))
     return made
+
+
+def filter_spatial_file(
+    log: str | Path, out: str | Path, tuned: Callable[[Vessel], Vessel] | None = None
+) -> tuple[Zone | None, np.ndarray]:
+    """Filter a log file in three dimensions into the state file `out`; as `filter_file` where not said."""
+    read = records.read_log(log)
+    read = read if tuned is None else replace(read, vessel=tuned(read.vessel))
+    records.write_states(filter_spatial(read), out)
+    middle = opening(replace(read, table=read.table.iloc[len(read) // 2 :])).place
+    return read.zone, np.where(np.isnan(middle), opening(read).place, middle)
+
+
+def mount_file(log: str | Path, out: str | Path | None = None, noise: str | Path | None = None) -> Alignment:
+    """How the IMU of a log is mounted, written as a noise file `out` if one is named. Raises InputError for a wrong log."""
+    read = with_noise(records.read_log(log), noise)
+    found = align(read)
+    if out is not None:
+        write_mounting_file(read.vessel, found, log, out)
+    return found
 
 
 def from_meridian(zone: Zone, longitude: float) -> float:
@@ -174,6 +201,11 @@ def trial_files(
     return found
 
 
+def states_for(log: Log, *specs: WindowSpec) -> States:
+    """The states of a log by the filter that networks with these specs learned from; in three dimensions if any did."""
+    return filter_spatial(log) if any(spec.spatial for spec in specs) else filter_log(log)
+
+
 def training_logs(training: Training, watch: Watch = silent) -> Iterator[Log]:
     """The logs of a training file, simulated or read, in a fixed order."""
     data = training.data
@@ -219,17 +251,21 @@ def train(
     watch: Watch = silent,
     devices: int = 1,
     nodes: int = 1,
+    start: str | Path | None = None,
+    tell: Callable[[str], None] = lambda line: None,
 ) -> Path:
     """Train what a training file describes; returns the folder of the checkpoint bundle.
 
     `out` (default runs/NAME) gets the bundle in `checkpoint/`, curves and logs by network, and what a killed run needs to
     go on; the same call goes on. A run of other settings in `out` starts anew. `checkpoint` gets a copy of the bundle.
     `devices` processes on each of `nodes` machines train together; only the first machine writes the bundle. With data.stream
-    windows lie in `windows/` of the run folder (`windows-N/` for machine N).
+    windows lie in `windows/` of the run folder (`windows-N/` for machine N). `start` is a checkpoint to fine-tune (see
+    learning.finetune); `tell` gets a line on what of it does not hold any more.
     """
     from aspnn.learning import fit
     from aspnn.learning.card import model_card
     from aspnn.learning.checkpoint import write_bundle
+    from aspnn.learning.finetune import Parent, check_parent
     from aspnn.learning.train import train_bundle, training_material
 
     training = read_training(config)
@@ -238,13 +274,39 @@ def train(
     folder = Path(out) if out else Path("runs") / training.name
     node = fit.node_rank(nodes)
     windows = folder / (f"windows-{node}" if node else "windows") if training.data.stream else None
-    material = training_material(training, training_logs(training, watch), windows)
-    bundle = train_bundle(training, material, folder, quiet, (devices, nodes))
+    parent, flow = None, None
+    if start is not None:
+        parent = Parent.read(start)
+        check_parent(training, parent.bundle)
+        flow = flow_by(parent.bundle)
+    material = training_material(training, training_logs(training, watch), windows, None, parent, flow)
+    bundle = train_bundle(training, material, folder, quiet, (devices, nodes), parent=parent)
+    if parent is not None and (parent.bundle.calibration or parent.bundle.choice):
+        tell(
+            f"{parent.bundle.name}: its regions and its choice are not those of {bundle.name}; calibrate that on logs of its own"
+        )
     if node:
         return folder / "checkpoint"
     for place in (folder / "checkpoint", *([Path(checkpoint)] if checkpoint else [])):
         write_bundle(bundle, place, model_card(bundle))
     return folder / "checkpoint"
+
+
+def flow_by(bundle) -> Callable[[States], np.ndarray] | None:
+    """The steady current of a voyage as a calibrated checkpoint finds it; None for one that cannot."""
+    from aspnn.prediction.current import can_estimate, voyage_current
+    from aspnn.prediction.gru import GruPredictor
+
+    predictor = GruPredictor(bundle)
+    calibration = predictor.calibration
+    if calibration is None or not can_estimate(bundle.spec):
+        return None
+
+    def flow(states: States) -> np.ndarray:
+        own = replace(bundle, vessel=states.vessel)  # whose network runs on as if it were of this boat
+        return voyage_current(own, predictor.velocities, states, calibration.drift).velocity[0]
+
+    return flow
 
 
 def search_file(
@@ -282,6 +344,7 @@ def calibrate_files(
     from aspnn.evaluation.windows import Rule
     from aspnn.learning.card import model_card
     from aspnn.learning.checkpoint import write_calibration
+    from aspnn.learning.finetune import taught
     from aspnn.prediction.gru import GruPredictor
 
     files = records.log_files(logs)
@@ -291,10 +354,9 @@ def calibrate_files(
     def voyages() -> Iterator[Voyage]:
         for file in watch(files, "predicting", len(files)):
             log = records.read_log(file)
-            yield Voyage.of(log, filter_log(log), smooth_log)
+            yield Voyage.of(log, states_for(log, bundle.spec), smooth_log)
 
-    taught = [*bundle.provenance["training_voyages"], *chosen_on(bundle)]
-    found = calibrate(predictor, voyages(), Rule.of(bundle.vessel), taught)
+    found = calibrate(predictor, voyages(), Rule.of(bundle.vessel), [*taught(bundle), *chosen_on(bundle)])
     bundle = replace(bundle, calibration=found.to_dict())
     write_calibration(bundle, checkpoint, out or checkpoint, model_card(bundle))
     return found
@@ -317,6 +379,7 @@ def choose_files(
     from aspnn.evaluation.windows import Rule
     from aspnn.learning.card import model_card
     from aspnn.learning.checkpoint import read_bundle, write_choice
+    from aspnn.learning.finetune import taught
     from aspnn.prediction.gru import GruPredictor
 
     files = records.log_files(logs)
@@ -326,9 +389,9 @@ def choose_files(
     def voyages() -> Iterator[Voyage]:
         for file in watch(files, "predicting", len(files)):
             log = records.read_log(file)
-            yield Voyage.of(log, filter_log(log), smooth_log)
+            yield Voyage.of(log, states_for(log, bundle.spec), smooth_log)
 
-    found = choose(network, voyages(), Rule.of(bundle.vessel), bundle.provenance["training_voyages"])
+    found = choose(network, voyages(), Rule.of(bundle.vessel), taught(bundle))
     if found.idle and bundle.choice is None:
         tell(f"{checkpoint}: kinematics are nowhere better than the network; nothing was written")
         return found
@@ -373,11 +436,13 @@ def evaluate_files(
     learned = [GruPredictor.load(folder) for folder in checkpoints]
     vessel = learned[0].bundle.vessel if learned else records.read_log(files[0]).vessel
     rule = Rule.of(vessel)
-    short = [p for p in learned if p.horizon < rule.horizon]
-    if short:
-        raise InputError(
-            f"checkpoint {short[0].name} predicts {short[0].horizon:g} s, this evaluation needs {rule.horizon:g} s"
-        )
+    shortest = min(learned, key=lambda p: p.horizon, default=None)
+    if shortest is not None:  # a boat's predictor does not reach as far as a model ship's
+        rule = replace(rule, horizons=tuple(h for h in rule.horizons if h <= shortest.horizon + 1e-9))
+        if not rule.horizons:
+            raise InputError(
+                f"checkpoint {shortest.name} predicts {shortest.horizon:g} s, this evaluation needs {min(Rule.of(vessel).horizons):g} s"
+            )
 
     names: set[str] = set()
 
@@ -385,7 +450,7 @@ def evaluate_files(
         for file in watch(files, "evaluating", len(files)):
             log = records.read_log(file)
             names.add(log.voyage)
-            yield Voyage.of(log, filter_log(log), smooth_log)
+            yield Voyage.of(log, states_for(log, *(predictor.spec for predictor in learned)), smooth_log)
 
     networks = [p.alone for p in learned if p.choice is not None]
     predictors: list[Predicts] = [*learned, *networks, *baselines(vessel, rule.horizon)]
@@ -531,7 +596,7 @@ def predict_file(
         predictor = replace(predictor, region_map=region_map)
     if horizon is not None and horizon > predictor.horizon:
         raise InputError(f"--horizon {horizon:g} s is beyond the {predictor.horizon:g} s of checkpoint {checkpoint}")
-    states = filter_log(records.read_log(log))
+    states = states_for(records.read_log(log), predictor.spec)
     last = states["time_s"][-1]
     if not states["time_s"][0] <= at <= last:
         raise InputError(

@@ -318,3 +318,21 @@ def test_every_command_has_help(name):
         [sys.executable, "-m", "aspnn.cli", name, "--help"], capture_output=True, text=True, check=True
     )
     assert "Usage" in found.stdout
+
+
+def test_fine_tuning_starts_from_a_checkpoint(place, tmp_path):
+    """Law: no epochs leave the parent's weights, on logs read as the file says; another network is one line and exit code 2."""
+    (tmp_path / "scenario.toml").write_text(SCENARIO)
+    tuned = TRAINING.replace('"small"', '"tuned"').replace("epochs = 2", "epochs = 0\ntowards_parent = 1.0")
+    (tmp_path / "tuned.toml").write_text(tuned)
+    parent = place / "run" / "checkpoint"
+    assert run("train", tmp_path / "tuned.toml", "--from", parent, "--out", tmp_path / "run", "--quiet") == (0, "")
+    first, second = (load_file(folder / "model.safetensors") for folder in (parent, tmp_path / "run" / "checkpoint"))
+    assert all(np.array_equal(values, second[name]) for name, values in first.items())
+    config = json.loads((tmp_path / "run" / "checkpoint" / "config.json").read_text())
+    assert config["provenance"]["parent"]["model_sha256"] == records.sha256(parent / "model.safetensors")
+    (tmp_path / "other.toml").write_text(tuned.replace("latent = 8", "latent = 9"))
+    for words in (("--from", parent), ("--from", tmp_path), ()):
+        code, told = run("train", tmp_path / "other.toml", *words, "--out", tmp_path / "none", "--quiet")
+        assert code == 2 and told.count("\n") == 1 and told.startswith("error: ")
+    assert not (tmp_path / "none").exists()

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from aspnn.schema import InputError
-from aspnn.vessel import FOLDER, Calibration, Noise, from_dict, load_vessel, scaled_noise, vessels
+from aspnn.vessel import FOLDER, Calibration, Mounting, Noise, from_dict, load_vessel, scaled_noise, vessels
 
-SECTIONS = ("dimensions", "stations_m", "rudder", "service", "mmg", "wind", "sensors", "process")
+SECTIONS = ("dimensions", "stations_m", "rudder", "service", "mmg", "wind", "sensors", "process", "imu")
 
 
 @pytest.mark.parametrize("name", vessels())
@@ -53,6 +54,35 @@ def test_calibration_is_read_back_unchanged(offset, short, long):
     vessel = from_dict(data | {"calibration": part})
     expected = Calibration(heading_offset=math.radians(offset), position_delay=short, yaw_rate_delay=long)
     assert vessel.calibration == expected
+    assert from_dict(json.loads(json.dumps(vessel.to_dict()))) == vessel
+
+
+def test_mounting_turns_readings_into_ship_axes():
+    """Oracle: scipy's rotations. Paper VI's unit stands upside down (half a turn about x, thesis 3.44) and reads g - a: at rest its
+    z axis, which points up, reads -9.81, and the ship's specific force is (0, 0, -9.81). Residual angles turn about z, y, x (3.45)."""
+    upside_down = Mounting(("x", "-y", "-z"), sign=-1.0)
+    np.testing.assert_allclose(upside_down.matrix() @ [0, 0, -9.81], [0, 0, -9.81])
+    np.testing.assert_allclose(upside_down.rotation(), Rotation.from_euler("x", 180, True).as_matrix(), atol=1e-15)
+    angles = np.radians([1.2, -0.8, 1.7])
+    turned = Mounting(("-y", "x", "z"), tuple(angles), -1.0)
+    expected = Rotation.from_euler("ZYX", angles[::-1]) * Rotation.from_euler("z", 90, True)
+    np.testing.assert_allclose(turned.rotation(), expected.as_matrix(), atol=1e-14)
+    np.testing.assert_array_equal(turned.matrix(), -turned.rotation())
+    np.testing.assert_array_equal(Mounting().matrix(), np.eye(3))
+
+
+@given(
+    st.sampled_from([("x", "-y", "-z"), ("z", "x", "y"), ("-y", "x", "z")]),
+    st.tuples(*[st.floats(-44, 44)] * 3),
+    st.sampled_from(["force", "reaction"]),
+)
+def test_mounting_is_read_back_unchanged(axes, angles, reads):
+    """Round trip, bit for bit; a vessel whose unit lies along its axes has no such section."""
+    data = load_vessel("cargo90").to_dict()
+    assert "imu" not in data and load_vessel("cargo90").mounting == Mounting()
+    vessel = from_dict(data | {"imu": {"axes": list(axes), "misalignment_deg": list(angles), "reads": reads}})
+    expected = Mounting(axes, tuple(map(math.radians, angles)), 1.0 if reads == "force" else -1.0)
+    assert vessel.mounting == expected
     assert from_dict(json.loads(json.dumps(vessel.to_dict()))) == vessel
 
 
@@ -122,6 +152,17 @@ def test_stations_can_be_added():
         ({"calibration": {"yaw_rate_delay_s": math.nan}}, "calibration.yaw_rate_delay_s = nan must be"),
         ({"calibration": {"heading_offset_deg": "east"}}, "calibration.heading_offset_deg = east must be"),
         ({"calibration": [0.2]}, "calibration must be an object"),
+        ({"imu": {"axis": ["x", "y", "z"]}}, "imu.axis is not known, did you mean axes"),
+        ({"imu": {"axes": ["x", "y"]}}, r"imu.axes = .* must be three of x, y, z, -x, -y, -z"),
+        ({"imu": {"axes": ["x", "y", "up"]}}, r"imu.axes = .* must be three of"),
+        ({"imu": {"axes": "xyz"}}, r"imu.axes = xyz must be three of"),
+        ({"imu": {"axes": ["x", "-x", "z"]}}, "name the sensor's axis x more than once; name x, y and z once each"),
+        ({"imu": {"axes": ["x", "y", "-z"]}}, "are left-handed.*; turn the sign of one of them"),
+        ({"imu": {"misalignment_deg": [1.0, 2.0]}}, "imu.misalignment_deg = .* must be roll, pitch and yaw within 45"),
+        ({"imu": {"misalignment_deg": [0, 0, 90]}}, "within 45 degrees; larger turns belong into imu.axes"),
+        ({"imu": {"misalignment_deg": [0, 0, math.nan]}}, "imu.misalignment_deg"),
+        ({"imu": {"reads": "gravity"}}, r"imu.reads = gravity must be force \(a - g\) or reaction \(g - a\)"),
+        ({"imu": ["x", "y", "z"]}, "imu must be an object"),
     ],
 )
 def test_wrong_vessel_is_one_line(change, words):

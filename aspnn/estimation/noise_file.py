@@ -1,4 +1,4 @@
-"""Noise files: what tuning found for a vessel, with how sure it is and from which logs, as JSON."""
+"""Noise files: what tuning or a mounting's calibration found for a vessel, with how sure it is and from which logs, as JSON."""
 
 import json
 import math
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from aspnn import __version__, records
+from aspnn.estimation.mounting import Alignment
 from aspnn.estimation.tuning import Tuning
 from aspnn.schema import InputError
 from aspnn.vessel import (
@@ -18,10 +19,12 @@ from aspnn.vessel import (
     calibration_data,
     noise_data,
     read_calibration,
+    read_mounting,
     read_noise,
+    read_spatial,
 )
 
-KEYS = ("vessel", "sensors", "process", "calibration", "provenance")
+KEYS = ("vessel", "sensors", "process", "calibration", "imu", "spatial", "provenance")
 FIELDS = {  # section.key: field of Noise or Calibration
     **{f"{section}.{key}": name for section, keys in NOISE_KEYS.items() for key, name in keys.items()},
     **{f"calibration.{key}": name for key, (name, _, _) in CALIBRATION_KEYS.items()},
@@ -66,6 +69,22 @@ def write_noise_file(tuning: Tuning, logs: Sequence[str | Path], path: str | Pat
         temporary.write_text(json.dumps(data, indent=1) + "\n")
 
 
+def write_mounting_file(vessel: Vessel, alignment: Alignment, log: str | Path, path: str | Path) -> None:
+    """Write the mounting of an IMU that the file `log` told, whole or not at all; `--noise` takes it."""
+    data: dict[str, Any] = {
+        "vessel": vessel.name,
+        "imu": alignment.section(),
+        "provenance": {
+            "version": __version__,
+            "logs": [{"name": Path(log).name, "sha256": records.sha256(log)}],
+            "standard_errors_deg": [math.degrees(error) for error in alignment.errors],
+            "not_observed": list(alignment.unseen),
+        },
+    }
+    with records.atomic(path) as temporary:
+        temporary.write_text(json.dumps(data, indent=1) + "\n")
+
+
 def table(tuning: Tuning):
     """A rich table of the values before and after, with standard errors and why some stayed."""
     from rich.table import Table
@@ -82,7 +101,7 @@ def table(tuning: Tuning):
 
 
 def with_noise_file(vessel: Vessel, path: str | Path) -> Vessel:
-    """`vessel` with the noise and the calibration of a noise file; what the file does not name stays.
+    """`vessel` with the noise, the calibration and the mounting of the IMU of a noise file; what the file does not name stays.
 
     Raises InputError naming the file, when it cannot be read, is for another vessel or holds what a vessel cannot have.
     """
@@ -106,4 +125,6 @@ def with_noise_file(vessel: Vessel, path: str | Path) -> Vessel:
         )
     noise = read_noise(data, vessel.noise, str(path))
     calibration = read_calibration(data, str(path)) if "calibration" in data else vessel.calibration
-    return replace(vessel, noise=noise, calibration=calibration)
+    mounting = read_mounting(data, str(path)) if "imu" in data else vessel.mounting
+    spatial = read_spatial(data, str(path)) if "spatial" in data else vessel.spatial
+    return replace(vessel, noise=noise, calibration=calibration, mounting=mounting, spatial=spatial)

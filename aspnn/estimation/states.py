@@ -71,7 +71,7 @@ def table(
     sd_psi, sd_r, sd_turn = np.sqrt(np.diagonal(heading[1], axis1=1, axis2=2)).T
     sd = np.sqrt(np.diagonal(motion[1], axis1=1, axis2=2)).T
     bow, stern = log.vessel.sway_stations
-    forcings, after = _forcings(log, m, held)
+    forcings, after = in_force(log, m, held)
     fate = moving.fate[:, : len(m.fixes)]
     used = np.where(((fate == USED) | (fate == REACQUIRED)).any(axis=1), m.time, held.used)
     used = np.maximum.accumulate(used)
@@ -108,7 +108,7 @@ def table(
     return pd.DataFrame(columns), replace(after, used=float(used[-1]))
 
 
-def _forcings(log: Log, m: Measurements, held: Held) -> tuple[dict[str, np.ndarray], Held]:
+def in_force(log: Log, m: Measurements, held: Held) -> tuple[dict[str, np.ndarray], Held]:
     """Orders in force, rudder angle, shaft speed and wind: the last known value, NaN where it is older than SILENT.
 
     And what `Held` keeps of them.

@@ -24,6 +24,15 @@ def model_card(bundle: Bundle) -> str:
         "training": f"batches of {training['fit']['batch']}, seed {training['fit']['seed']}",
         "made by": f"`aspnn train training/{bundle.name}.toml`, aspnn {facts['aspnn']}, torch {facts['torch']}",
     }
+    if spec.spatial:
+        rows["sees"] += ", from the filter in three dimensions"
+    if spec.current_memory is not None:
+        rows["current"] = f"sought in the last {spec.current_memory:g} s"
+    if (parent := facts.get("parent")) is not None:
+        rows["made by"] = rows["made by"].replace(".toml`", f".toml --from {parent['name']}`")
+        rows["fine-tuned from"] = (
+            f"{parent['name']} of {parent['vessel']} (SHA-256 {parent['model_sha256'][:12]}): weights and scaling; no regions or choice"
+        )
     if bundle.calibration is not None:
         counts = bundle.calibration["facts"]["populations"]
         of = ", ".join(f"{name} {count['windows']}" for name, count in counts.items())

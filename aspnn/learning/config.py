@@ -33,7 +33,10 @@ class Data(BaseModel):
 
 
 class Cut(BaseModel):
-    """What windows hold and where they start; `train` and `validation` limit how many are kept, in the order of voyages."""
+    """What windows hold and where they start; `train` and `validation` limit how many are kept, in the order of voyages.
+
+    With `spatial` states are those of the filter in three dimensions, for boats that roll and pitch.
+    """
 
     model_config = STRICT
     history_s: float = Field(gt=0)
@@ -42,6 +45,10 @@ class Cut(BaseModel):
     inputs: tuple[str, ...]
     forcings: tuple[str, ...] = ()
     wind_memory_s: float = Field(WIND_MEMORY, gt=0)  # over which the wind at a start is averaged
+    spatial: bool = False
+    current_memory_s: float | None = Field(
+        None, gt=0
+    )  # in which a current is sought; without it as long as the horizon
     at_orders: bool = True
     shifts_s: tuple[float, ...] = ()
     sliding_s: float | None = Field(None, gt=0)
@@ -57,6 +64,8 @@ class Cut(BaseModel):
             self.inputs,
             self.forcings,
             wind_memory=self.wind_memory_s,
+            current_memory=self.current_memory_s,
+            spatial=self.spatial,
         )
 
     def sampling(self) -> Sampling:
@@ -138,12 +147,13 @@ class Fit(BaseModel):
     """How long and how fast to train; see learning.fit.FitSettings."""
 
     model_config = STRICT
-    epochs: int = Field(ge=1)
+    epochs: int = Field(ge=0)  # none: the parent of a fine-tuning as it is
     batch: int = Field(64, ge=1)
     learning_rate: float = Field(1e-3, gt=0)
     one_cycle: bool = False
     weight_decay: float = Field(0.0, ge=0)
     clip: float | None = Field(None, gt=0)
+    towards_parent: float = Field(0.0, ge=0)  # of fine-tuning alone: see learning.finetune
     seed: int = 1
 
 

@@ -52,7 +52,8 @@ Hear = Callable[[str, dict[str, float]], None]  # (title of the training, one ep
 class FitSettings:
     """How long and how fast to train. `one_cycle` warms the rate up and anneals it to nothing; else it stays fixed.
 
-    The ship of a hybrid, which was trained before, takes `ship_share` of the rate, and no weight decay.
+    The ship of a hybrid, which was trained before, takes `ship_share` of the rate, and no weight decay. Weights are drawn back to
+    where they began by `towards_parent` times the rate at every step (see finetune).
     `batch` is what all processes share: `devices` on each of `nodes` machines.
     """
 
@@ -66,6 +67,7 @@ class FitSettings:
     devices: int = 1
     nodes: int = 1
     ship_share: float = 1.0
+    towards_parent: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -180,6 +182,15 @@ class _Task(lightning.LightningModule):
         super().__init__()
         self.network, self.loss, self.settings = network, loss, settings
         self.train_order, self.validation_order = train, validation
+        # Where they began, not where a resumed run goes on: Lightning restores that later.
+        self.begun = {p: p.detach().clone() for p in network.parameters()} if settings.towards_parent else {}
+
+    @torch.no_grad()
+    def draw_back(self, optimizer: torch.optim.Optimizer, *_: Any) -> None:
+        """After a step, the weights a little towards where they began."""
+        for group in optimizer.param_groups:
+            for weights in group["params"]:
+                weights.lerp_(self.begun[weights], group["lr"] * self.settings.towards_parent)
 
     def setup(self, stage: str) -> None:
         torch.set_num_threads(1)  # Lightning would give each of several processes its share of the cores
@@ -207,6 +218,8 @@ class _Task(lightning.LightningModule):
             groups[0]["params"] = others
             groups.append({"params": ship, "lr": s.ship_share * s.learning_rate, "weight_decay": 0.0})
         optimizer = torch.optim.AdamW(groups, weight_decay=s.weight_decay)
+        if s.towards_parent:
+            optimizer.register_step_post_hook(self.draw_back)
         if not s.one_cycle:
             return optimizer
         schedule = torch.optim.lr_scheduler.OneCycleLR(
@@ -320,6 +333,9 @@ def fit(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
+    if settings.epochs == 0:
+        network.eval()
+        return []
     network.train()
     for name in ("lightning.pytorch", "lightning.fabric"):
         logging.getLogger(name).setLevel(logging.WARNING)

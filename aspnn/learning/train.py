@@ -1,11 +1,12 @@
 """From a training file and its logs to a trained bundle: windows by voyage, scaling, the networks, provenance."""
 
+import copy
 import hashlib
 import json
 import math
 import shutil
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -17,10 +18,12 @@ import torch
 
 from aspnn import __version__, records
 from aspnn.estimation import filter_log, smooth_log
+from aspnn.estimation.spatial import filter_spatial
 from aspnn.learning import fit, stream
 from aspnn.learning.checkpoint import Bundle
 from aspnn.learning.config import CorrectedNet, HybridNet, IdentifiedNet, RolloutNet, ThesisNet, Training
 from aspnn.learning.corrected import CorrectedShip, Correction, Taught, corrected
+from aspnn.learning.finetune import Parent, check_hull, check_parent, from_the_water, widest
 from aspnn.learning.identified import HybridGru, HybridSizes, IdentifiedShip, IdentifiedSizes
 from aspnn.learning.identify_servo import identify_servos
 from aspnn.learning.network import RolloutEnsemble, RolloutGru, RolloutSizes, ThesisGru, ThesisSizes, flat_range
@@ -48,13 +51,23 @@ class Material:
     servos: Servos | None = None  # by which the windows' forcings follow their plans; None: as the vessel file has it
 
 
+Flow = Callable[[States], np.ndarray]  # the steady current (2,) [m/s] of a voyage, zero where none is known
+
+
 def training_material(
-    training: Training, logs: Iterable[Log], folder: Path | None = None, judge: Training | None = None
+    training: Training,
+    logs: Iterable[Log],
+    folder: Path | None = None,
+    judge: Training | None = None,
+    parent: Parent | None = None,
+    flow: Flow | None = None,
 ) -> Material:
     """Training and validation windows and where they came from; the last voyages validate, a voyage is never split.
 
     With a `folder`, windows are in its files and are read from there as they are used; without, in memory. Validation
-    windows start where `judge` has them start (a search compares trials on the same starts), or as the training ones do.
+    windows start where `judge` has them start (a search compares trials on the same starts), or as the training ones do. A
+    `parent` that the training starts from lends its servos where the logs do not tell them. With `flow` motion is that through
+    the water of each voyage.
     Raises InputError when a voyage is of another vessel, or when there are fewer windows than asked for.
     """
     spec, sampling = training.windows.spec(), training.windows.sampling()
@@ -63,7 +76,8 @@ def training_material(
     parts: list[dict[str, list]] = [{} for _ in starting]  # by voyage: windows, or the files that hold them
     digest = hashlib.sha256()
     vessel, held = None, training.data.validation_voyages
-    servos, estimated = _with_servos(_estimated(logs), starting[-1], held)
+    servos, estimated = _with_servos(_estimated(logs, spec.spatial, flow), starting[-1], held)
+    servos = servos if parent is None else parent.servos(servos)
     for log, filtered, smoothed in estimated:
         vessel = vessel or log.vessel
         digest.update(pd.util.hash_pandas_object(log.table, index=False).to_numpy().tobytes())
@@ -101,7 +115,7 @@ def training_material(
 Estimated = tuple[Log, States, States]  # a log with its filtered and its smoothed states
 
 
-def _estimated(logs: Iterable[Log]) -> Iterator[Estimated]:
+def _estimated(logs: Iterable[Log], spatial: bool, flow: Flow | None) -> Iterator[Estimated]:
     """Logs of one vessel with their states. Raises InputError when one is of another."""
     first = None
     for log in logs:
@@ -110,7 +124,13 @@ def _estimated(logs: Iterable[Log]) -> Iterator[Estimated]:
             raise InputError(
                 f"{log.path or log.voyage}: vessel {log.vessel.name} among voyages of {first.name}; train on one vessel"
             )
-        yield log, filter_log(log), smooth_log(log)
+        # Driven by its accelerometers, the filter in three dimensions follows a boat so closely that its states serve as labels.
+        filtered = filter_spatial(log) if spatial else filter_log(log)
+        smoothed = filtered if spatial else smooth_log(log)
+        if flow is not None:
+            current = flow(filtered)
+            filtered, smoothed = (from_the_water(states, current) for states in (filtered, smoothed))
+        yield log, filtered, smoothed
 
 
 def _with_servos(
@@ -159,25 +179,30 @@ def train_bundle(
     quiet: bool = False,
     shared: tuple[int, int] = (1, 1),
     hear: fit.Hear | None = None,
+    parent: Parent | None = None,
 ) -> Bundle:
     """Train the network of a training file on its material. `folder` gets curves, logs and what a killed run needs.
 
-    `shared` are the devices on each node and the nodes that train together; `hear` as in fit.fit.
+    `shared` are the devices on each node and the nodes that train together; `hear` as in fit.fit. With a `parent` its network
+    learns on, scaling as it is. Raises InputError where that is of other windows, another kind, other sizes or another hull.
     """
+    _check(training, material, parent)
+    facts = material.facts if parent is None else {**material.facts, "parent": parent.facts()}
     torch.set_num_threads(
         1
     )  # as in fit.fit, and before: how threads share a sum would decide the last bits of a regression
     if fit.node_rank(shared[1]) == 0:
-        _start_run(folder, training, material.facts)
+        _start_run(folder, training, facts)
     else:
-        _await_run(folder, training, material.facts)
+        _await_run(folder, training, facts)
     settings = fit.FitSettings(**training.fit.model_dump(), devices=shared[0], nodes=shared[1])
     windows, net = material.train, training.network
     curves: dict[str, list[dict[str, float]]] = {}
+    begun: Any = None if parent is None else copy.deepcopy(parent.bundle.network)
     network: ThesisGru | RolloutGru | RolloutEnsemble | IdentifiedShip | HybridGru | CorrectedShip
     if isinstance(net, ThesisNet):
         torch.manual_seed(settings.seed)
-        network = _thesis(net, windows)
+        network = begun or _thesis(net, windows)
         for which, name in enumerate(windows.spec.targets):
             loss, title = fit.thesis_loss(which), f"training {name}"
             curves[name] = fit.fit(
@@ -188,7 +213,7 @@ def train_bundle(
         heading = math.radians(start), math.radians(growth)
         loss = fit.path_loss(fit.Tolerance(net.position_tolerance_m, heading, net.velocity_tolerance_m_s))
         if isinstance(net, IdentifiedNet | HybridNet | CorrectedNet):
-            network = ship = identify(net, windows, material.vessel)
+            network = ship = _ship(begun) or identify(net, windows, material.vessel)
             # The ship of a hybrid, and the one that is corrected, is trained alone before.
             own = settings if isinstance(net, IdentifiedNet) else replace(settings, epochs=net.ship_epochs)
             if isinstance(net, HybridNet | CorrectedNet):
@@ -196,18 +221,18 @@ def train_bundle(
             if isinstance(net, HybridNet):
                 settings = replace(settings, ship_share=net.ship_share)
             place, title = folder / "identified", "training identified ship"
-            if own.epochs:
+            if own.epochs and (begun is None or isinstance(net, IdentifiedNet)):
                 curves[place.name] = fit.fit(ship, loss, windows, material.validation, own, place, title, quiet, hear)
             if isinstance(net, HybridNet):
                 torch.manual_seed(settings.seed)
-                network = _hybrid(net, windows, ship)
+                network = begun or _hybrid(net, windows, ship)
                 place, title = folder / "hybrid", "training hybrid"
                 curves[place.name] = fit.fit(
                     network, loss, windows, material.validation, settings, place, title, quiet, hear
                 )
             elif isinstance(net, CorrectedNet):
                 torch.manual_seed(settings.seed)
-                network = whole = _corrected(net, windows, ship)
+                network = whole = begun or _corrected(net, windows, ship)
                 rolled, unseen = _rolled_out(whole, windows), material.validation
                 unseen = None if unseen is None else _rolled_out(whole, unseen)
                 for k in range(net.members):
@@ -220,7 +245,7 @@ def train_bundle(
             for k in range(net.members):
                 own = replace(settings, seed=settings.seed + k)
                 torch.manual_seed(own.seed)
-                members.append(_rollout(net, windows, material.vessel))
+                members.append(_member(begun, k) or _rollout(net, windows, material.vessel))
                 name = "rollout" if k == 0 else f"rollout-{k + 1}"
                 curves[name] = fit.fit(
                     members[k], loss, windows, material.validation, own, folder / name, f"training {name}", quiet, hear
@@ -235,16 +260,37 @@ def train_bundle(
         spec=windows.spec,
         vessel=replace(material.vessel, simulator={}),  # the simulator's secrets are not the predictor's
         region_map=isinstance(net, ThesisNet),
-        domain=_domain(windows),
+        domain=_domain(windows) if parent is None else widest(parent.bundle.domain, _domain(windows)),
         servos=material.servos,
         provenance={
             "aspnn": __version__,
             "torch": torch.__version__,
             "training": plain(training),
-            **material.facts,
+            **facts,
             "curves": {name: _columns(rows) for name, rows in curves.items()},
         },
     )
+
+
+def _check(training: Training, material: Material, parent: Parent | None) -> None:
+    if parent is not None:
+        check_parent(training, parent.bundle)
+        check_hull(material.vessel, parent.bundle)
+    elif training.fit.towards_parent or not training.fit.epochs:
+        raise InputError(
+            f"training {training.name}: fit.{'towards_parent' if training.fit.epochs else 'epochs'} is of fine-tuning; "
+            "name a parent with --from CHECKPOINT"
+        )
+
+
+def _ship(begun: Any) -> IdentifiedShip | None:
+    """The identified ship in a network that learns on."""
+    return begun if begun is None or isinstance(begun, IdentifiedShip) else begun.ship
+
+
+def _member(begun: Any, k: int) -> RolloutGru | None:
+    """Roll-out GRU number `k` of a network that learns on."""
+    return begun if begun is None or isinstance(begun, RolloutGru) else begun.members[k]
 
 
 def _columns(rows: list[dict[str, float]]) -> dict[str, list[float]]:
@@ -358,7 +404,8 @@ def plain(training: Training) -> dict[str, Any]:
 
 def _run(training: Training, facts: dict[str, Any]) -> str:
     """What a run folder is of."""
-    return json.dumps({"training": plain(training), "data": facts["data_sha256"]}, indent=1)
+    run = {"training": plain(training), "data": facts["data_sha256"]}
+    return json.dumps(run | ({"parent": facts["parent"]["model_sha256"]} if "parent" in facts else {}), indent=1)
 
 
 def _await_run(folder: Path, training: Training, facts: dict[str, Any]) -> None:

@@ -32,7 +32,8 @@ class WindowSpec:
 
     `history` and `horizon` [s] at steps of `period` [s]; the history's last row is the start itself. Forcings are known
     for the future and given at every instant from the start to the horizon. The wind at the start is the mean of the last
-    `wind_memory` [s]: what is gusty there, and what lasts.
+    `wind_memory` [s]: what is gusty there, and what lasts. A current is sought in the last `current_memory` [s]; without it in as
+    much as the horizon. `spatial`: whether states are those of the filter in three dimensions.
     """
 
     history: float
@@ -42,6 +43,8 @@ class WindowSpec:
     forcings: tuple[str, ...] = ()
     targets: tuple[str, ...] = features.TARGETS
     wind_memory: float = WIND_MEMORY
+    current_memory: float | None = None
+    spatial: bool = False
 
     def __post_init__(self):
         for kind, names, known in (
@@ -56,6 +59,10 @@ class WindowSpec:
             raise InputError(f"period {self.period:g} s must be positive and no longer than history and horizon")
         if not self.wind_memory > 0:
             raise InputError(f"wind_memory {self.wind_memory:g} s must be positive")
+        if self.current_memory is not None and not self.current_memory >= self.horizon:
+            raise InputError(
+                f"current_memory {self.current_memory:g} s must be no shorter than the horizon of {self.horizon:g} s"
+            )
 
     @property
     def history_steps(self) -> int:

@@ -21,6 +21,11 @@ from aspnn.prediction.plan import Orderable, make_plan
 from aspnn.prediction.uncertainty import Calibration, beyond, carried, perturbed, shape, shifts, spread_of
 from aspnn.records import States
 
+# How much of the variance of a current remains: what the network's model errs by over the last minutes the estimate takes for
+# current, and it cancels over the next ones. Fitted to 30 voyages in currents of up to 1 m/s: with all of it 95 % regions
+# held .98 there, with 0.3 of it .92 to .95, with none .79 to .86.
+UNSHARED = 0.4
+
 
 class Contract(learned.Contract, Protocol):
     """What a checkpoint says of its network: the contract of `learned`, and the range of its inputs in training."""
@@ -73,14 +78,14 @@ def recent(
     """The end of `states` that a prediction from the last of them reads. A long voyage is not read again for each.
 
     That is the history, what the mean wind needs, for regions and choice the time since the last order; with regions all that for
-    the predictions that judge the model (see `monitor`) too, which is more than a current needs.
+    the predictions that judge the model (see `monitor`) and the current need too.
     """
     time, spec = states["time_s"], contract.spec
     span = max(
         spec.history, spec.wind_memory, *(0.0 if known is None else known.settled for known in (calibration, choice))
     )
     if calibration is not None:
-        span += max(AGES) * spec.horizon
+        span += max(max(AGES) * spec.horizon, spec.current_memory or 0.0)
     first = np.searchsorted(time, time[-1] - span) - 1
     return states.read(max(int(first), 0))
 
@@ -131,8 +136,8 @@ def predict_rows(
         flow = found.velocity if found.sure.any() else None
     path, covariance, outside = predict_carried(contract, network, states, rows, plans, region_map, flow)
     if found is not None and flow is not None:
-        # A current known to P adds P t^2; that the velocities through the water err by as much the other way is left out.
-        known = np.where(found.sure[:, None, None], found.covariance, 0.0)
+        # A current known to P would add P t^2, were the velocities through the water not wrong by as much the other way.
+        known = np.where(found.sure[:, None, None], UNSHARED * found.covariance, 0.0)
         covariance[..., :2, :2] += known[:, None] * path.time[:, None, None] ** 2
     if choice is not None:
         path = choice.mix(path, contract.vessel, states, rows, plans)

@@ -75,6 +75,11 @@ class OnnxPredictor:
         return self.deployed.name
 
     @property
+    def spec(self) -> WindowSpec:
+        """What the network sees, and how far it predicts."""
+        return self.deployed.spec
+
+    @property
     def horizon(self) -> float:
         """How far it predicts [s]."""
         return self.deployed.spec.horizon

@@ -28,6 +28,12 @@ def _positive(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
+def _above(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] <= 0:
+        raise ValueError(f"{pair[0]:g} must be above 0")
+    return pair
+
+
 def _not_negative(pair: tuple[float, float]) -> tuple[float, float]:
     if pair[0] < 0:
         raise ValueError(f"{pair[0]:g} is negative; turn the direction instead")
@@ -50,6 +56,7 @@ Range = Annotated[tuple[float, float], AfterValidator(_rising)]
 Drawn = Annotated[Range, BeforeValidator(lambda x: (x, x) if isinstance(x, int | float) else x)]
 Strength = Annotated[Drawn, AfterValidator(_not_negative)]
 Positive = Annotated[Drawn, AfterValidator(_positive)]
+Above = Annotated[Drawn, AfterValidator(_above)]
 Bearing = Annotated[Drawn, BeforeValidator(lambda x: (0.0, 360.0) if x == "random" else x)]
 Hold = Annotated[Range, AfterValidator(_positive)]
 Series = Annotated[tuple[tuple[float, float], ...], AfterValidator(_in_order)]

@@ -115,7 +115,7 @@ def _batch(scenario, vessel, ship, numbers, seed) -> Iterator[tuple[Log, pd.Data
         scenario.duration_s,
         shaft,
         pitch,
-        weather.draw(drawn[:, 2:], gamma, seas, scenario.step_s, steps),
+        weather.draw(drawn[:, 2:], gamma, (float(north), float(east)), seas, scenario.step_s, steps),
         scenario.step_s,
     )
     for number, run, noise in zip(numbers, runs, noises, strict=True):

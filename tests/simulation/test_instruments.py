@@ -1,6 +1,7 @@
 """Compass, rate gyro, accelerometers and rudder indicator: each error against its law, a published table or its statistic."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from aspnn.frames import Zone, to_grid
-from aspnn.simulation import Sensors, measure
+from aspnn.simulation import Sensors, Voyage, measure
 from aspnn.simulation.sensing.errors import bias, damped, play
 from aspnn.simulation.sensing.instruments import (
     GRAVITY,
@@ -20,8 +21,9 @@ from aspnn.simulation.sensing.instruments import (
     RudderIndicator,
     compass_error,
     imu_reads,
+    unit_errors,
 )
-from aspnn.vessel import load_vessel
+from aspnn.vessel import Mounting, load_vessel
 
 ZONE = Zone.parse("33N")
 PLACE = to_grid(np.radians(69.65), np.radians(18.96), ZONE)
@@ -130,8 +132,6 @@ def test_rate_gyro_turns_with_the_body():
 
 def test_accelerometers_read_the_second_derivative_of_their_track():
     """Oracle: second differences of the track of the station `imu` in space, turned into the body's axes by scipy (E1, E5)."""
-    from dataclasses import replace
-
     voyage = made(PLACE, 60.0, dt=0.02, turn=((0.3, 0.2, 0.0),), **TILT)
     vessel = replace(VESSEL, heights={"imu": 9.0})
     table = read(voyage, vessel, acceleration_hz=50, imu=Imu(heave=True))
@@ -144,16 +144,20 @@ def test_accelerometers_read_the_second_derivative_of_their_track():
     assert np.abs(second).max(0).min() > 0.1
 
 
+def reads(imu, acceleration, roll, pitch, dt, rng):
+    return imu_reads(imu, unit_errors(imu, acceleration.shape[1], dt, rng), acceleration, roll, pitch)
+
+
 def test_gravity_leaks_by_the_sine_of_roll_and_pitch():
     """Oracle: the specific force of a body at rest by hand: bow up reads forward, starboard down reads to port."""
     still = np.zeros((3, 5))
     rng = np.random.default_rng(0)
     roll, pitch = np.full(5, 0.1), np.full(5, 0.05)
-    leak = imu_reads(Imu(tilt_known=False), still, roll, pitch, 0.1, rng)[:, 0] / GRAVITY
+    leak = reads(Imu(tilt_known=False), still, roll, pitch, 0.1, rng)[:, 0] / GRAVITY
     c = np.cos(0.05)
     np.testing.assert_allclose(leak, [np.sin(0.05), -c * np.sin(0.1), 1 - c * np.cos(0.1)], atol=1e-15)
-    np.testing.assert_allclose(imu_reads(Imu(heave=True), still, roll, pitch, 0.1, rng), 0, atol=1e-15)
-    five = imu_reads(Imu(tilt_known=False), still, np.full(5, np.radians(5)), np.zeros(5), 0.1, rng)
+    np.testing.assert_allclose(reads(Imu(heave=True), still, roll, pitch, 0.1, rng), 0, atol=1e-15)
+    five = reads(Imu(tilt_known=False), still, np.full(5, np.radians(5)), np.zeros(5), 0.1, rng)
     assert five[1, 0] == pytest.approx(-0.855, abs=5e-4)  # erratum E12: 5 degrees of heel, 0.855 m/s2
 
 
@@ -161,7 +165,7 @@ def test_badly_known_tilt_leaks_and_remembers():
     """Oracle: g times a Gauss-Markov angle: its deviation, and its correlation after one time constant, over 500 of these."""
     dt, count = 0.5, 60_000
     imu = Imu(tilt_deg=0.2, tilt_time_s=60.0)
-    leak = imu_reads(imu, np.zeros((3, count)), np.zeros(count), np.zeros(count), dt, np.random.default_rng(1))
+    leak = reads(imu, np.zeros((3, count)), np.zeros(count), np.zeros(count), dt, np.random.default_rng(1))
     spread = GRAVITY * np.radians(0.2)
     for axis in leak[:2]:
         assert abs((axis**2).mean() / spread**2 - 1) < 4.5 * np.sqrt(2 * 60 / (count * dt))
@@ -173,13 +177,106 @@ def test_misalignment_is_a_rotation():
     """Law: it keeps the length of the specific force. Statistic: upright and at rest it leaks g times each angle."""
     rng = np.random.default_rng(3)
     count, imu = 3000, Imu(misalignment_deg=0.5)
-    upright = [
-        imu_reads(imu, np.zeros((3, 2)), np.zeros(2), np.zeros(2), 0.1, rng.spawn(1)[0])[:, 0] for _ in range(count)
-    ]
+    upright = [reads(imu, np.zeros((3, 2)), np.zeros(2), np.zeros(2), 0.1, rng.spawn(1)[0])[:, 0] for _ in range(count)]
     forward, starboard, down = np.array(upright).T
     for axis in (forward, starboard):
         assert abs((axis**2).mean() / (GRAVITY * np.radians(0.5)) ** 2 - 1) < 4.5 * np.sqrt(2 / count) + 1e-3
     np.testing.assert_allclose(np.hypot(np.hypot(forward, starboard), down - GRAVITY), GRAVITY, rtol=1e-12)
+
+
+FORCES = [f"imu_force_{axis}_m_s2" for axis in "xyz"]
+RATES = [f"imu_rate_{axis}_deg_s" for axis in "xyz"]
+PAPER = Mounting(("x", "-y", "-z"), sign=-1.0)  # thesis 3.44, 3.46: upside down, reads g - a
+
+
+@pytest.mark.parametrize(
+    ("mounting", "at_rest"),
+    [
+        (Mounting(), (0, 0, -1)),
+        (PAPER, (0, 0, -1)),  # its z axis points up, against gravity
+        (Mounting(("x", "-y", "-z")), (0, 0, 1)),
+        (Mounting(("z", "x", "y")), (0, -1, 0)),  # its y axis points down
+        (
+            Mounting(misalignment=(0.0, 0.1, 0.0)),
+            (np.sin(0.1), 0, -np.cos(0.1)),
+        ),  # bow up of the ship: x feels the push up
+    ],
+)
+def test_a_unit_at_rest_reads_gravity_along_its_axes(mounting, at_rest):
+    """Oracle: by hand, for each mounting; and the vessel's own matrix turns what is read into (0, 0, -g)."""
+    voyage = made(PLACE, 10.0, speed=(0.0, 0.0))
+    moving = ("surge", "sway", "yaw_rate", "surge_rate", "sway_rate", "yaw_acceleration")
+    still = replace(voyage, **dict.fromkeys(moving, 0 * voyage.time))
+    table = read(still, replace(VESSEL, mounting=mounting), imu=Imu(raw=True))
+    np.testing.assert_allclose(table[FORCES] / GRAVITY, np.tile(at_rest, (len(table), 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        table[FORCES].to_numpy() @ mounting.matrix().T, np.tile([0, 0, -GRAVITY], (len(table), 1)), atol=1e-12
+    )
+    np.testing.assert_array_equal(table[RATES], 0)
+
+
+def test_a_unit_in_a_banked_turn_reads_the_centripetal_force():
+    """Oracle: by hand. A steady turn to starboard at u, r with a steady bank: (0, u r, 0) inwards and level, gravity down, the rate of
+    heading about the vertical, all seen from the banked ship; a bank of atan(u r / g) inwards leaves no side force."""
+    t = np.arange(101) * 0.1
+    u, r = 6.0, 0.3
+    for bank in (0.0, 0.2, np.arctan2(u * r, GRAVITY)):
+        still = 0 * t
+        place = PLACE[0] + u / r * np.sin(r * t), PLACE[1] - u / r * np.cos(r * t)
+        voyage = Voyage.level(t, *place, r * t, still + u, still, still + r, still, still, still, still, still)
+        vessel = replace(VESSEL.with_stations(imu=(0.0, 0.0)), mounting=PAPER)
+        table = read(replace(voyage, roll=still + bank), vessel, imu=Imu(raw=True))
+        c, s = np.cos(bank), np.sin(bank)
+        ship = np.array([0, u * r * c - GRAVITY * s, -u * r * s - GRAVITY * c])
+        np.testing.assert_allclose(table[FORCES].iloc[50], ship * [-1, 1, 1], atol=1e-12)
+        np.testing.assert_allclose(
+            np.radians(table[RATES].iloc[50].to_numpy(float)), r * np.array([0, -s, -c]), atol=1e-12
+        )
+    assert abs(ship[1]) < 1e-12 and ship[2] == pytest.approx(-np.hypot(u * r, GRAVITY))
+
+
+def test_raw_readings_are_those_of_the_track_in_space():
+    """Oracle: scipy. Through the mounting and the attitude the forces are the second differences of the track of the station `imu`
+    less gravity (a = C f + (0, 0, g), E12), and the rates the rotation from one step to the next."""
+    voyage = made(PLACE, 60.0, dt=0.02, turn=((0.3, 0.2, 0.0),), **TILT)
+    mounting = Mounting(("-y", "x", "z"), (0.02, -0.015, 0.03), -1.0)
+    vessel = replace(VESSEL, heights={"imu": 9.0}, mounting=mounting)
+    table = read(voyage, vessel, acceleration_hz=50, imu=Imu(raw=True))
+    turns = Rotation.from_euler("ZYX", np.stack([voyage.heading, voyage.pitch, voyage.roll], axis=-1))
+    origin = np.stack([voyage.north - PLACE[0], voyage.east - PLACE[1], voyage.heave], axis=-1)
+    track = origin + turns.apply([-20.0, 2.5, -9.0])
+    second = (track[2:] - 2 * track[1:-1] + track[:-2]) / 0.02**2
+    felt = turns.apply(table[FORCES].to_numpy() @ mounting.matrix().T) + np.array([0, 0, GRAVITY])
+    np.testing.assert_allclose(felt[2:-2], second[1:-1], atol=2e-3)
+    middle = (turns[:-2].inv() * turns[2:]).as_rotvec() / 0.04
+    rates = np.radians(table[RATES].to_numpy()) @ mounting.rotation().T
+    np.testing.assert_allclose(rates[1:-1], middle, atol=1e-4)
+
+
+def test_raw_errors_are_those_of_one_unit():
+    """Law: the misalignment drawn turns forces and rates alike, and keeps their lengths. Statistics at 4.5 standard errors: the gyros'
+    biases have their deviation and are constants; white noise is that of accelerometers and rate gyro, and none is in common."""
+    voyage = made(PLACE, 200.0, turn=((0.3, 0.2, 0.0),), **TILT)
+    true, off = read(voyage, imu=Imu(raw=True)), read(voyage, seed=3, imu=Imu(raw=True, misalignment_deg=3.0))
+    by_force, _ = Rotation.align_vectors(off[FORCES], true[FORCES])
+    by_rate, _ = Rotation.align_vectors(off[RATES], true[RATES])
+    assert (by_force.inv() * by_rate).magnitude() < 1e-6 < np.radians(0.5) < by_force.magnitude()
+    np.testing.assert_allclose(np.linalg.norm(off[FORCES], axis=1), np.linalg.norm(true[FORCES], axis=1))
+    short, found = made(PLACE, 2.0), []
+    ideal = read(short, imu=Imu(raw=True))[FORCES + RATES]
+    for seed in range(100):
+        gained = read(short, seed=seed, imu=Imu(raw=True, gyro_bias_deg_s=0.2, bias_m_s2=0.1))[FORCES + RATES] - ideal
+        assert np.ptp(gained.to_numpy(), axis=0).max() < 1e-9
+        found.append(gained.iloc[0].to_numpy() / np.repeat([0.1, 0.2], 3))
+    assert np.abs((np.array(found) ** 2).mean(axis=0) - 1).max() < 4.5 * np.sqrt(2 / 100)
+    noise = (
+        read(voyage, imu=Imu(raw=True), acceleration_m_s2=0.05, yaw_rate_deg_s=0.3)[FORCES + RATES]
+        - true[FORCES + RATES]
+    )
+    noise = noise.to_numpy() / np.repeat([0.05, 0.3], 3)
+    n = len(noise)
+    assert np.abs(noise.var(axis=0) - 1).max() < 4.5 * np.sqrt(2 / n)
+    assert np.abs(np.corrcoef(noise.T) - np.eye(6)).max() < 4.5 / np.sqrt(n)
 
 
 def test_rudder_indicator_has_play_and_a_wrong_zero():

@@ -129,9 +129,26 @@ def test_sensors_keep_their_own_rates(voyage):
         np.testing.assert_array_equal(table[column][known], fast[column][step[known]])
 
 
+def test_one_period_for_all_sensors_on_board():
+    """Oracle: the samples are those of a sensor at every step, each third of them; the stated times, which no whole rate has."""
+    voyage = made(PLACE, 39.0, dt=0.13)
+    every, third = (
+        measure(voyage, VESSEL, ZONE, Sensors(period_s=p, attitude_hz=1, shaft_hz=0), np.random.default_rng(3))
+        for p in (0.13, 0.39)
+    )
+    np.testing.assert_allclose(every["time_s"], np.arange(301) * 0.13, atol=1e-12)
+    assert not every.isna().any(axis=None) and "shaft_speed_rps" not in every and "roll_deg" in every
+    pd.testing.assert_frame_equal(third, every[::3].reset_index(drop=True), check_exact=True)
+
+
 @pytest.mark.parametrize(
     "sensors, message",
     [
+        (
+            Sensors(period_s=0.13),
+            "sensors.period_s = 0.13 s must be a whole number of the simulation's steps of 0.1 s; change step_s",
+        ),
+        (Sensors(period_s=0.05), "sensors.period_s = 0.05 s must be a whole number"),
         (Sensors(heading_hz=4), "sensors.heading_hz = 4 Hz must divide 10 Hz"),
         (Sensors(position_hz=3), "sensors.position_hz = 3 Hz"),
         (Sensors(heading_hz=20), "sensors.heading_hz = 20 Hz"),
@@ -199,7 +216,7 @@ SWITCHES = {
     ),
     "gyrocompass": (Gyrocompass(offset_deg=1.0, settling_deg=3.0, speed_error=True), "heading_deg"),
     "rate_gyro": (RateGyro(bias_deg_s=0.1, bias_walk_1h_deg_s=0.1, damping_s=3.0), "yaw_rate_deg_s"),
-    "imu": (Imu(True, False, 0.5, 60.0, 0.05, 0.05, 1.0), "acceleration_.*"),
+    "imu": (Imu(True, False, 0.5, 60.0, 0.05, 0.05, 1.0, True, 0.1, 0.1), "acceleration_.*|imu_.*"),
     "rudder_indicator": (RudderIndicator(play_deg=1.0, offset_deg=0.5), "rudder_angle_deg"),
     "course_hz": (1.0, ".*over_ground.*"),
     "attitude_hz": (10.0, "(roll|pitch)_deg"),
@@ -211,7 +228,7 @@ SWITCHES = {
     "position_delay_s": (0.7, POSITIONS),
     "heading_delay_s": (0.2, "heading_deg"),
     "yaw_rate_delay_s": (1.3, "yaw_rate_deg_s"),
-    "acceleration_delay_s": (0.1, "acceleration_.*"),
+    "acceleration_delay_s": (0.1, "acceleration_.*|imu_.*"),
     "rudder_delay_s": (0.4, "rudder_angle_deg"),
     "shaft_delay_s": (2.0, "shaft_speed_rps"),
 }

@@ -15,7 +15,7 @@ from aspnn.simulation.environment.current import current_at, draw_eddies, shear_
 from aspnn.simulation.ships.dynamics import accelerations
 from aspnn.vessel import load_vessel
 
-SHIPS = ("cargo90", "kvlcc2_l7", "kvlcc2_full", "mariner", "otter", "trimaran", "workboat8")
+SHIPS = ("cargo90", "kvlcc2_l7", "kvlcc2_full", "mariner", "otter", "trimaran", "workboat8", "workboat8_loaded")
 PLANAR = (helms.NORTH, helms.EAST, helms.HEADING, helms.SURGE, helms.SWAY, helms.YAW_RATE)
 ODD = [*(helms.EAST, helms.HEADING, helms.SWAY, helms.YAW_RATE, helms.RUDDER), *(helms.ROLL, helms.ROLL_RATE)]
 

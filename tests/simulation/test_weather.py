@@ -12,6 +12,7 @@ from aspnn.orders import Orders
 from aspnn.schema import InputError
 from aspnn.simulation import Scenario, Ship, simulate, simulate_scenario
 from aspnn.simulation.motion import Motion, level, over_ground, with_waves
+from aspnn.simulation.weather import Environment
 from aspnn.vessel import load_vessel
 
 KNOT = 1852 / 3600
@@ -85,6 +86,47 @@ def test_a_boat_answers_the_waves_itself():
     assert two["heave_m"].std() / one["heave_m"].std() == pytest.approx(2, rel=0.25)
 
 
+BOAT = {"speed_kn": 8, "latitude_deg": 60.0, "longitude_deg": 3.0, "zone": "31N", "heading_deg": 0}
+
+
+def test_a_stream_is_where_the_scenario_puts_it():
+    """Oracle: the profile by hand along the way of the boat, from the offset of the start and true directions on the zone's meridian."""
+    stream = {"speed_kn": 2 / KNOT * 0.5, "towards_deg": 90, "width_m": 500, "offset_m": -100}
+    (_, truth), *_ = voyages(
+        vessel="workboat8", start=BOAT, duration_s=60, environment={"current_kn": 0.5 / KNOT, "stream": stream}
+    )
+    across = -(truth["north_m"] - truth["north_m"][0])  # to the right of the stream is south
+    expected = (1 + np.cos(2 * np.pi * (across + 100) / 500)) / 2
+    np.testing.assert_allclose(truth["current_east_m_s"], expected, atol=1e-6)
+    np.testing.assert_allclose(truth["current_north_m_s"], 0.5, atol=1e-9)
+    assert np.ptp(expected) > 0.5
+
+
+def test_a_passing_ship_shakes_the_boat_once():
+    """Oracle: Kelvin's cusp reaches a boat that lies still at the time by hand; it rolls then, and neither before nor long after."""
+    wake = {"speed_kn": 12, "towards_deg": 0, "height_m": 0.5, "distance_m": 80, "abeam_s": 40}
+    (_, truth), *_ = voyages(
+        vessel="workboat8", start=BOAT | {"speed_kn": 0}, duration_s=200, environment={"wake": wake}
+    )
+    arrives = 40 + 2 * math.sqrt(2) * 80 / (12 * KNOT)
+    roll, time = np.abs(truth["roll_rad"].to_numpy()), truth["time_s"].to_numpy()
+    assert abs(time[roll.argmax()] - arrives) < 8 and np.degrees(roll.max()) > 2
+    assert roll[time < arrives - 30].max() < 0.02 * roll.max() and roll[time > arrives + 60].max() < 0.1 * roll.max()
+
+
+def test_wakes_and_streams_move_no_other_draw():
+    """Law: what they draw comes after the rest, so that eddies, waves and orders are those of the scenario without them."""
+    plain = {"eddies": {"speed_kn": 0.5}, "waves": {"height_m": [0.1, 0.5], "period_s": [3, 5], "from_deg": "random"}}
+    more = {"stream": {"speed_kn": [0, 1]}, "wake": {"speed_kn": [12, 14], "height_m": 0.3, "distance_m": 60}}
+    seas = [
+        Environment.model_validate(e).draw(np.zeros((1, 4)), 0.1, (7e6, 5e5), [np.random.default_rng(2)], 0.1, 600)
+        for e in (plain, plain | more)
+    ]
+    np.testing.assert_array_equal(seas[0].eddies, seas[1].eddies[:, :16])
+    np.testing.assert_array_equal(seas[0].waves, seas[1].waves[:, :24])
+    assert seas[1].eddies.shape == (1, 17, 5) and seas[1].waves.shape == (1, 24 + 128, 5)
+
+
 def test_shallow_water_turns_wider():
     """Law: at 1.5 draughts of depth the same order turns the ship less than in deep water, and the depth is the log's."""
     turn = {"kind": "turning-circle", "rudder_deg": 20, "start_s": 30}
@@ -134,6 +176,10 @@ def test_prescribed_orders_and_the_autopilot():
         ({"engine": {"kind": "orders", "shaft_rps": [[0, 9.0]]}}, r"a shaft order \[rev/s\] of 9 is beyond the stops, 0 to 3"),
         ({"engine": {"kind": "orders", "pitch_ratio": [[0, -0.9]]}}, "an order of the pitch ratio of -0.9 is beyond the stops"),
         ({"vessel": "workboat8", "step_s": 0.5}, "step_s = 0.5 is too long for the fastest motion of workboat8; at most 0.2"),
+        (
+            {"duration_s": 1200, "environment": {"wake": {"speed_kn": 12, "height_m": 0.3, "distance_m": 60}}},
+            "environment.wake.components = 128 let the wake come again after 675 s, within the voyage of 1200 s; take at least 228",
+        ),
         ({"vessel": "mariner", "environment": {"depth_m": 20}}, "mariner: its model has no shallow-water correction"),
         ({"environment": {"depth_m": 7.0}}, "depth"),
         ({"vessel": "trimaran"}, r"vessel trimaran: 5.916 m/s \(11.5 kn\) needs 11.8 rev/s of the shaft"),
@@ -154,6 +200,9 @@ def test_what_cannot_be_is_said(parts, message):
         {"environment": {"waves": {"height_m": 1, "period_s": 0}}},
         {"environment": {"current_kn": [2, 1]}},
         {"environment": {"swell": 1}},
+        {"environment": {"stream": {"speed_kn": 1, "width_m": 5}}},
+        {"environment": {"wake": {"speed_kn": 0, "height_m": 0.3, "distance_m": 60}}},
+        {"environment": {"wake": {"speed_kn": 12, "height_m": 0.3, "distance_m": -60}}},
         {"engine": {"kind": "orders", "shaft_rps": [[5, 1.0]]}},
         {"manoeuvre": {"kind": "orders", "orders_deg": [[0, 0], [0, 5]]}},
     ],

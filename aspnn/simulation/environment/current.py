@@ -1,4 +1,4 @@
-"""Currents: a steady mean, and eddies that vary slowly in space and time, as a sum of divergence-free plane waves.
+"""Currents: a steady mean, eddies that vary slowly in space and time, and sheared streams, as a sum of divergence-free plane waves.
 
 `eddies` is an array (M, 5), one row per mode: amplitude a [m/s], k_north, k_east [rad/m], omega [rad/s], phase [rad]. The velocity
 of a mode is a (-k_east, k_north) / |k| cos(k . x - omega t + phase), across its own wave vector, so its divergence is zero at every
@@ -45,6 +45,19 @@ def shear_at(eddies, north, east, time):
         ne -= rate * k_e * k_e
         en += rate * k_n * k_n
     return nn, ne, en, -nn
+
+
+def stream(speed: float, towards: float, width: float, middle: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """A steady stream that is sheared across: its mean velocity (2,) and the one mode (1, 5) that varies about it.
+
+    It runs `towards` [rad from grid north], at `speed` [m/s] through the place `middle` (north, east) [m], and with s the distance
+    across from there V = speed (1 + cos(2 pi s / width)) / 2: none at the banks, half a `width` [m] to either side, sheared by pi
+    speed / width at most. Beyond the banks the next stream begins. An assumed profile; the mode is one of those above with omega 0.
+    """
+    k = 2 * math.pi / width
+    k_n, k_e = k * math.sin(towards), -k * math.cos(towards)
+    along = np.array([math.cos(towards), math.sin(towards)])
+    return speed / 2 * along, np.array([[speed / 2, k_n, k_e, 0.0, -(k_n * middle[0] + k_e * middle[1])]])
 
 
 def draw_eddies(rng: np.random.Generator, speed: float, length: float, period: float, count: int = 16) -> np.ndarray:

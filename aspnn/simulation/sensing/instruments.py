@@ -1,9 +1,9 @@
-"""Compass, rate gyro, accelerometers and rudder indicator: the errors that make them less than ideal, each off by default.
+"""Compass, rate gyro, inertial unit and rudder indicator: the errors that make them less than ideal, each off by default.
 
 Deviations are those of constants drawn anew for every voyage; what the file states otherwise is the same for all.
 """
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import ConfigDict, Field
@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from aspnn.frames import attitude, station_acceleration, to_north_east
 from aspnn.simulation.sensing.errors import bias, damped, gauss_markov, play
 from aspnn.simulation.voyage import Voyage
+from aspnn.vessel import Mounting
 
 NotNegative = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
@@ -46,10 +47,12 @@ class RateGyro:
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Imu:
-    """The section `[sensors.imu]`: how gravity is taken away, bias and misalignment of the accelerometers.
+    """The section `[sensors.imu]`: what is recorded, how gravity is taken away, biases and misalignment.
 
     Gravity is taken away by roll and pitch known with a Gauss-Markov error (`tilt_deg`), or, where `tilt_known` is false, as though
-    the ship stood upright: then g sin leaks in. Misalignment is a rotation drawn per voyage: it lets in gravity even then.
+    the ship stood upright: then g sin leaks in. Misalignment is a rotation drawn per voyage: it lets in gravity even then. `raw`
+    records what the unit itself tells beside that: forces with gravity in them and rates, along the axes in which the vessel's
+    section `imu` mounts it, every `acceleration_hz`, with the white noise of accelerometers and rate gyro.
     """
 
     heave: bool = False  # the acceleration downward is recorded too
@@ -58,7 +61,10 @@ class Imu:
     tilt_time_s: Positive = 60.0
     bias_m_s2: NotNegative = 0.0  # deviation per axis of the constant drawn per voyage
     bias_walk_1h_m_s2: NotNegative = 0.0  # deviation per axis that its random walk gathers in an hour
-    misalignment_deg: NotNegative = 0.0  # deviation about each axis
+    misalignment_deg: NotNegative = 0.0  # deviation about each axis, on top of what the vessel's section `imu` states
+    raw: bool = False
+    gyro_bias_deg_s: NotNegative = 0.0  # of the raw rates: deviation per axis of the constant drawn per voyage
+    gyro_bias_walk_1h_deg_s: NotNegative = 0.0
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -142,20 +148,44 @@ def gravity(roll, pitch) -> np.ndarray:
     return GRAVITY * np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
 
 
-def imu_reads(imu: Imu, acceleration: np.ndarray, roll, pitch, dt: float, rng: np.random.Generator) -> np.ndarray:
+class Unit(NamedTuple):
+    """What is wrong with an inertial unit through a voyage: `tilt` (2, steps) [rad] of the roll and pitch used, `axes` (3, 3) from its
+    axes to where they should lie, `force_bias` (3, steps) [m/s2] in ship axes, `rate_bias` (3, steps) [rad/s] in its own."""
+
+    tilt: np.ndarray
+    axes: np.ndarray
+    force_bias: np.ndarray
+    rate_bias: np.ndarray
+
+
+def unit_errors(imu: Imu, steps: int, dt: float, rng: np.random.Generator) -> Unit:
+    """The errors of the unit on one voyage; each kind has a stream of its own."""
+    tilt, offset, mounting, gyros = rng.spawn(4)
+    wrong = np.radians(gauss_markov(tilt, (2, steps), dt, imu.tilt_deg, imu.tilt_time_s))
+    axes = Rotation.from_rotvec(np.radians(imu.misalignment_deg) * mounting.standard_normal(3)).as_matrix()
+    force_bias = bias(offset, (3, steps), dt, imu.bias_m_s2, imu.bias_walk_1h_m_s2)
+    rate_bias = bias(gyros, (3, steps), dt, imu.gyro_bias_deg_s, imu.gyro_bias_walk_1h_deg_s)
+    return Unit(wrong, axes, force_bias, np.radians(rate_bias))
+
+
+def imu_reads(imu: Imu, unit: Unit, acceleration: np.ndarray, roll, pitch) -> np.ndarray:
     """What accelerometers tell (3, steps) [m/s2] after gravity is taken away, without white noise, of the true `acceleration`.
 
     Each feels the specific force a - g in its own axes (E12), to which gravity by the roll and pitch used is added again.
     """
-    if imu == Imu(heave=imu.heave):
+    if imu.tilt_known and not any((imu.tilt_deg, imu.bias_m_s2, imu.bias_walk_1h_m_s2, imu.misalignment_deg)):
         return acceleration
-    tilt, offset, mounting = rng.spawn(3)
-    shape = acceleration.shape
-    wrong = np.radians(gauss_markov(tilt, (2, shape[1]), dt, imu.tilt_deg, imu.tilt_time_s))
-    used = (roll + wrong[0], pitch + wrong[1]) if imu.tilt_known else np.zeros((2, shape[1]))
-    axes = Rotation.from_rotvec(np.radians(imu.misalignment_deg) * mounting.standard_normal(3)).as_matrix()
-    felt = axes.T @ (acceleration - gravity(roll, pitch))
-    return felt + gravity(*used) + bias(offset, shape, dt, imu.bias_m_s2, imu.bias_walk_1h_m_s2)
+    used = (roll + unit.tilt[0], pitch + unit.tilt[1]) if imu.tilt_known else np.zeros_like(unit.tilt)
+    felt = unit.axes.T @ (acceleration - gravity(roll, pitch))
+    return felt + gravity(*used) + unit.force_bias
+
+
+def raw_reads(unit: Unit, mounting: Mounting, acceleration: np.ndarray, rates: np.ndarray, roll, pitch):
+    """Forces (3, steps) [m/s2] and rates (3, steps) [rad/s] in the unit's own axes, without white noise, of the true inertial
+    `acceleration` and turning `rates` in ship axes: the specific force a - g with its sign (E12), through the inverse of the mounting.
+    """
+    force = unit.axes.T @ (acceleration - gravity(roll, pitch)) + unit.force_bias
+    return mounting.matrix().T @ force, mounting.rotation().T @ unit.axes.T @ rates + unit.rate_bias
 
 
 def indicated(indicator: RudderIndicator, rudder: np.ndarray) -> np.ndarray:

@@ -24,7 +24,9 @@ from aspnn.simulation.sensing.instruments import (
     imu_reads,
     indicated,
     lever_arm,
+    raw_reads,
     tilted,
+    unit_errors,
 )
 from aspnn.simulation.sensing.resolution import Resolution, rounded
 from aspnn.simulation.voyage import Voyage
@@ -40,7 +42,9 @@ class Sensors:
 
     `position_m` is that of each of north and east, for every antenna; antennas are stations of the vessel. What a sensor with a
     delay records at t tells the state at t - delay (as vessel.Calibration has it). The sections hold what is worse than white
-    noise; `quantised`, or a section `resolution`, rounds what is recorded as sentences of NMEA 0183 do.
+    noise. With a `period_s` all sensors on board sample together at that period, whatever their rates, as one unit records them
+    (Paper VI: every 0.13 s, which is no whole rate). `quantised`, or a section `resolution`, rounds what is recorded as sentences
+    of NMEA 0183 do.
     """
 
     antennas: tuple[str, ...] = ("bow", "stern")
@@ -81,6 +85,7 @@ class Sensors:
     depth_hz: NotNegative = 0.0
     depth_m: NotNegative = 0.1
     depth_delay_s: Delay = 0.0
+    period_s: Annotated[float, Field(gt=0)] | None = None
     quantised: bool = False
     resolution: Resolution | None = None
     gnss: Gnss = Gnss()
@@ -119,6 +124,7 @@ STREAMS = (
     "speed_log",
     "wind",
     "depth",
+    "raw",
 )
 
 
@@ -132,7 +138,7 @@ def measure(voyage: Voyage, vessel: Vessel, zone: Zone, sensors: Sensors, rng: n
     every error from a stream of its own, so that none moves another.
     """
     dt = float(voyage.time[1] - voyage.time[0])
-    log = _Recorder(sensors, voyage.time, _sampled(sensors, len(voyage.time), round(1 / dt, 6)))
+    log = _Recorder(sensors, voyage.time, _sampled(sensors, len(voyage.time), dt))
     streams = dict(zip(STREAMS, rng.spawn(len(STREAMS)), strict=True))
     latitude, longitude = to_geodetic(voyage.north, voyage.east, zone)
     gamma = convergence(latitude, longitude, zone)
@@ -147,18 +153,25 @@ def measure(voyage: Voyage, vessel: Vessel, zone: Zone, sensors: Sensors, rng: n
         if sensors.gnss.height_m is not None:
             height = sensors.gnss.sea_level_m + up + offset[2], sensors.gnss.height_m
             log.record("position", stream, receiver, **{f"{antenna}_height_m": height})
-    true = voyage.heading + gamma
-    misled = compass_error(sensors.gyrocompass, voyage.time, true, voyage.surge, voyage.sway, latitude)
-    log.record("heading", rng, heading_deg=(np.degrees(true + misled), sensors.heading_deg))
+    heading = voyage.heading + gamma
+    misled = compass_error(sensors.gyrocompass, voyage.time, heading, voyage.surge, voyage.sway, latitude)
+    log.record("heading", rng, heading_deg=(np.degrees(heading + misled), sensors.heading_deg))
     turning = body_rates(voyage)[2] if tilted(voyage) else voyage.yaw_rate
     turning = gyro_reads(sensors.rate_gyro, turning, dt, streams["gyro"])
     log.record("yaw_rate", rng, yaw_rate_deg_s=(np.degrees(turning), sensors.yaw_rate_deg_s))
-    felt = imu_acceleration(voyage, vessel.stations["imu"], vessel.heights.get("imu", 0.0))
-    felt = imu_reads(sensors.imu, felt, voyage.roll, voyage.pitch, dt, streams["imu"])
+    true = imu_acceleration(voyage, vessel.stations["imu"], vessel.heights.get("imu", 0.0))
+    unit = unit_errors(sensors.imu, len(voyage.time), dt, streams["imu"])
+    felt = imu_reads(sensors.imu, unit, true, voyage.roll, voyage.pitch)
     sd = sensors.acceleration_m_s2
     log.record("acceleration", rng, acceleration_surge_m_s2=(felt[0], sd), acceleration_sway_m_s2=(felt[1], sd))
     if sensors.imu.heave:
         log.record("acceleration", streams["heave"], acceleration_heave_m_s2=(felt[2], sd))
+    if sensors.imu.raw:
+        forces, rates = raw_reads(unit, vessel.mounting, true, body_rates(voyage), voyage.roll, voyage.pitch)
+        columns = {f"imu_force_{axis}_m_s2": (force, sd) for axis, force in zip("xyz", forces, strict=True)}
+        sd_rate = sensors.yaw_rate_deg_s
+        turns = {f"imu_rate_{axis}_deg_s": (np.degrees(r), sd_rate) for axis, r in zip("xyz", rates, strict=True)}
+        log.record("acceleration", streams["raw"], None, **columns, **turns)
     pointer = np.degrees(indicated(sensors.rudder_indicator, voyage.rudder))
     orders = np.degrees(voyage.order), None
     log.record("rudder", rng, rudder_order_deg=orders, rudder_angle_deg=(pointer, sensors.rudder_angle_deg))
@@ -251,17 +264,24 @@ def _place(voyage: Voyage, vessel: Vessel, antenna: str) -> tuple[np.ndarray, np
     return voyage.north + north, voyage.east + east, 0.0 - voyage.heave - down
 
 
-def _sampled(sensors: Sensors, steps: int, base: float) -> dict[str, np.ndarray]:
+def _sampled(sensors: Sensors, steps: int, dt: float) -> dict[str, np.ndarray]:
     """The steps at which each sensor on board samples. Raises InputError when there is no position, which every log needs."""
     if sensors.position_hz == 0 or not sensors.antennas:
         raise InputError("sensors: a log needs the position of an antenna; set position_hz and antennas")
     rates = {what: getattr(sensors, f"{what}_hz") for what in SAMPLED}
-    return {what: np.arange(steps) % _stride(f"{what}_hz", base, rate) == 0 for what, rate in rates.items() if rate > 0}
+    strides = {what: _stride(sensors, f"{what}_hz", rate, dt) for what, rate in rates.items() if rate > 0}
+    return {what: np.arange(steps) % stride == 0 for what, stride in strides.items()}
 
 
-def _stride(what: str, base: float, rate: float) -> int:
-    """How many steps of the voyage (at `base` Hz) there are to a sample. Raises InputError unless it is a whole number."""
-    every = round(base / rate)
-    if every < 1 or abs(base / rate - every) > 1e-6:
+def _stride(sensors: Sensors, what: str, rate: float, dt: float) -> int:
+    """How many steps `dt` [s] of the voyage there are to a sample. Raises InputError unless it is a whole number."""
+    base = round(1 / dt, 6)
+    ratio = base / rate if sensors.period_s is None else sensors.period_s / dt
+    every = round(ratio)
+    if every >= 1 and abs(ratio - every) <= 1e-6:
+        return every
+    if sensors.period_s is None:
         raise InputError(f"sensors.{what} = {rate:g} Hz must divide {base:g} Hz, the rate of the simulation's steps")
-    return every
+    raise InputError(
+        f"sensors.period_s = {sensors.period_s:g} s must be a whole number of the simulation's steps of {dt:g} s; change step_s"
+    )
