@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aspnn import records
-from aspnn.vessel import Mounting
+from aspnn.instruments import Mounting
 from tests.estimation.boats import Boat, Errors, boat_log
 from tests.test_cli import run
 

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from aspnn.instruments import Calibration, Mounting, Noise, scaled_noise
 from aspnn.schema import InputError
-from aspnn.vessel import FOLDER, Calibration, Mounting, Noise, from_dict, load_vessel, scaled_noise, vessels
+from aspnn.vessel import FOLDER, from_dict, load_vessel, vessels
 
 SECTIONS = ("dimensions", "stations_m", "rudder", "service", "mmg", "wind", "sensors", "process", "imu")
 

@@ -6,9 +6,10 @@ import re
 
 import pytest
 
+from aspnn.instruments import CALIBRATION_KEYS, NOISE_KEYS
 from aspnn.schema import InputError
 from aspnn.simulation.ship import MODELS, Ship
-from aspnn.vessel import CALIBRATION_KEYS, FOLDER, KEYS, NOISE_KEYS, SIMULATOR, from_dict, load_vessel, vessels
+from aspnn.vessel import FOLDER, KEYS, SIMULATOR, from_dict, load_vessel, vessels
 
 PAGE = (FOLDER / "README.md").read_text()
 ISHERWOOD = ("A_SS", "S", "C", "M")

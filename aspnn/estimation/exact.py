@@ -10,7 +10,7 @@ from numba import njit
 
 from aspnn.estimation.measurements import Measurements
 from aspnn.estimation.problem import GLITCH, OUTLIER, Carry, Problem, gate
-from aspnn.vessel import Noise
+from aspnn.instruments import Noise
 
 _ROOTS, _GAUSS = np.polynomial.legendre.leggauss(6)
 _NODES, _WEIGHTS = (_ROOTS + 1) / 2, _GAUSS / 2  # Gauss-Legendre on [0, 1]

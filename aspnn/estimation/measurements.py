@@ -14,9 +14,9 @@ import pandas as pd
 from aspnn import schema
 from aspnn.estimation import screening
 from aspnn.frames import Zone, convergence, to_grid
+from aspnn.instruments import Calibration
 from aspnn.records import Log
 from aspnn.schema import InputError
-from aspnn.vessel import Calibration
 
 GRAVITY = 9.81
 STILL = 0.01  # Froude number below which a repeated fix may be a ship at rest

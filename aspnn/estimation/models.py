@@ -12,8 +12,8 @@ import numpy as np
 
 from aspnn.estimation import kernels
 from aspnn.estimation.flow import flow_covariance, noise_of
+from aspnn.instruments import Noise
 from aspnn.schema import InputError
-from aspnn.vessel import Noise
 
 NOT_GIVEN = (0.0, 0.0, 0.0)
 

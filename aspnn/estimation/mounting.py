@@ -33,9 +33,10 @@ from aspnn.estimation.position_velocity import (
 from aspnn.estimation.spatial_engine import Driven, beginning
 from aspnn.estimation.spatial_inputs import FORCES, GRAVITY, Inertial, from_ship_log
 from aspnn.frames import attitude
+from aspnn.instruments import Mounting, mounting_data
 from aspnn.records import Log
 from aspnn.schema import InputError
-from aspnn.vessel import Mounting, Vessel, mounting_data
+from aspnn.vessel import Vessel
 
 NEAR = 0.1  # how far a mean force may be from g, as a share, before its unit is in doubt
 OFF = math.radians(30.0)  # how far gravity may lie from the vertical before the axes are in doubt

@@ -11,11 +11,9 @@ from typing import Any
 from aspnn import __version__, records
 from aspnn.estimation.mounting import Alignment
 from aspnn.estimation.tuning import Tuning
-from aspnn.schema import InputError
-from aspnn.vessel import (
+from aspnn.instruments import (
     CALIBRATION_KEYS,
     NOISE_KEYS,
-    Vessel,
     calibration_data,
     noise_data,
     read_calibration,
@@ -23,6 +21,8 @@ from aspnn.vessel import (
     read_noise,
     read_spatial,
 )
+from aspnn.schema import InputError
+from aspnn.vessel import Vessel
 
 KEYS = ("vessel", "sensors", "process", "calibration", "imu", "spatial", "provenance")
 FIELDS = {  # section.key: field of Noise or Calibration

@@ -9,8 +9,8 @@ from aspnn.estimation.kernels import ACCELERATION, CMM6, CMM8, HEADING, POSITION
 from aspnn.estimation.measurements import Measurements
 from aspnn.estimation.models import ONE_STEP, MotionModel, Scheme, Sigma
 from aspnn.estimation.problem import GLITCH, OUTLIER, ModelProblem, gate
+from aspnn.instruments import Noise
 from aspnn.schema import InputError
-from aspnn.vessel import Noise
 
 
 def from_antenna(m: Measurements, name: str) -> Measurements:

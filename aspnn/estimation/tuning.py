@@ -21,9 +21,10 @@ from aspnn.estimation.compiled import Run
 from aspnn.estimation.exact import heading_problem, motion_problem
 from aspnn.estimation.measurements import Measurements, from_log
 from aspnn.estimation.problem import REJECTED, Problem
+from aspnn.instruments import Calibration, Noise
 from aspnn.records import Log
 from aspnn.schema import InputError
-from aspnn.vessel import Calibration, Noise, Vessel
+from aspnn.vessel import Vessel
 
 SURE = 3.0
 APART = 1.0  # m between antennas that tell a heading together

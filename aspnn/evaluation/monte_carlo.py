@@ -22,11 +22,11 @@ from aspnn.estimation.consistency import (
     shares,
 )
 from aspnn.estimation.sensors import conditions, sensors
+from aspnn.instruments import Calibration
 from aspnn.records import Log
 from aspnn.schema import InputError
 from aspnn.simulation.sensing.sensors import Sensors, measure
 from aspnn.simulation.voyage import Voyage
-from aspnn.vessel import Calibration
 
 Watch = Callable[[Iterable, str, int], Iterable]  # (things, what is done, how many) -> the same things, shown
 

@@ -60,6 +60,7 @@ FEATURES: dict[str, Callable[[States], np.ndarray]] = {
     "wind_starboard": lambda s: _wind(s)[1],
 }
 TARGETS = ("surge", "sway_bow", "sway_stern")
+WIND = "wind"  # in the domain of a network that feels it: the speed of the air [m/s]
 FORCINGS = ("rudder_order", "rudder_angle", "shaft_speed")
 STEPWISE = ("rudder_order",)  # held from order to order; every other feature is interpolated between epochs
 

@@ -23,6 +23,7 @@ from aspnn.learning import fit, stream
 from aspnn.learning.checkpoint import Bundle
 from aspnn.learning.config import CorrectedNet, HybridNet, IdentifiedNet, RolloutNet, ThesisNet, Training
 from aspnn.learning.corrected import CorrectedShip, Correction, Taught, corrected
+from aspnn.learning.features import WIND
 from aspnn.learning.finetune import Parent, check_hull, check_parent, from_the_water, widest
 from aspnn.learning.identified import HybridGru, HybridSizes, IdentifiedShip, IdentifiedSizes
 from aspnn.learning.identify_servo import identify_servos
@@ -254,13 +255,14 @@ def train_bundle(
             if net.members > 1:
                 network = RolloutEnsemble(members[0].sizes)
                 network.members = torch.nn.ModuleList(members)
+    domain = _domain(windows, getattr(net, "wind", False))
     return Bundle(
         name=training.name,
         network=network,
         spec=windows.spec,
         vessel=replace(material.vessel, simulator={}),  # the simulator's secrets are not the predictor's
         region_map=isinstance(net, ThesisNet),
-        domain=_domain(windows) if parent is None else widest(parent.bundle.domain, _domain(windows)),
+        domain=domain if parent is None else widest(parent.bundle.domain, domain),
         servos=material.servos,
         provenance={
             "aspnn": __version__,
@@ -435,8 +437,8 @@ def _start_run(folder: Path, training: Training, facts: dict[str, Any]) -> None:
         temporary.write_text(run)
 
 
-def _domain(windows: Windows) -> dict[str, list[float]]:
-    """Lowest and highest of every input and forcing among the training windows: where the network has been."""
+def _domain(windows: Windows, windy: bool) -> dict[str, list[float]]:
+    """Lowest and highest of every input and forcing among the training windows, and of the wind's speed where the network is `windy`."""
     spec = windows.spec
     found: dict[str, list[float]] = {}
     for names, values in ((spec.inputs, windows.history), (spec.forcings, windows.forcing)):
@@ -444,4 +446,6 @@ def _domain(windows: Windows) -> dict[str, list[float]]:
             low, high = float(values[..., k].min()), float(values[..., k].max())
             old = found.get(name, [low, high])
             found[name] = [min(low, old[0]), max(high, old[1])]
+    if windy:
+        found[WIND] = [0.0, float(np.hypot(*windows.wind.T).max())]
     return found

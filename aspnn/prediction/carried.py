@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from aspnn.learning.features import broken
+from aspnn.learning.features import WIND, broken
 from aspnn.motion import Path
 from aspnn.orders import Plan
 from aspnn.prediction import learned
@@ -59,6 +59,9 @@ def predict_carried(
     for names, values in ((spec.inputs, given.history), (spec.forcings, given.forcing)):
         for k, name in enumerate(names):
             outside |= beyond(values[..., k], *contract.domain[name])
+    if WIND in contract.domain:  # of a network that feels the wind; where that is not known it was taken as none
+        unheard = ~np.isfinite(states["wind_speed_true_m_s"][rows])
+        outside |= unheard | beyond(np.hypot(*given.wind.T), *contract.domain[WIND])
     errors = perturbed(states, rows)
     poses, bodies = (np.concatenate(part) for part in zip(*errors, strict=True))
     n, many = len(rows), 1 + len(errors)

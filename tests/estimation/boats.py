@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from aspnn.instruments import Mounting, Spatial
 from aspnn.records import Log
-from aspnn.vessel import Mounting, Spatial, load_vessel
+from aspnn.vessel import load_vessel
 
 G = 9.80665
 PERIOD = 0.13

@@ -11,8 +11,9 @@ from aspnn.estimation.exact import heading_problem, motion_problem
 from aspnn.estimation.measurements import Measurements
 from aspnn.estimation.tuning import tune
 from aspnn.frames import station_acceleration, to_north_east
+from aspnn.instruments import Calibration, Noise
 from aspnn.simulation import Scenario, simulate_scenario
-from aspnn.vessel import Calibration, Noise, load_vessel
+from aspnn.vessel import load_vessel
 
 COLUMNS = {
     "position": ("bow_latitude_deg", "bow_longitude_deg", "stern_latitude_deg", "stern_longitude_deg"),

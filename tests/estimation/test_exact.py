@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from aspnn.estimation.exact import heading_problem, moments, motion_problem, transition, white_jerk
 from aspnn.estimation.measurements import Measurements
-from aspnn.vessel import Noise
+from aspnn.instruments import Noise
 
 CASES = [(0.3, 0.02, -0.001, 0.1), (2.0, -0.05, 0.002, 4.0), (-1.0, 0.0, 0.0, 1.0), (5.0, 0.2, 0.0, 3.0)]
 

@@ -21,8 +21,8 @@ from aspnn.estimation.models import (
     measure,
     measure_jacobian,
 )
+from aspnn.instruments import Noise
 from aspnn.schema import InputError
-from aspnn.vessel import Noise
 
 NOISE = Noise()
 FAMILY = {

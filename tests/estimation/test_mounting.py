@@ -7,8 +7,8 @@ import pytest
 
 from aspnn.estimation.mounting import align, coarse, mountings
 from aspnn.estimation.spatial import filter_spatial
+from aspnn.instruments import Mounting
 from aspnn.schema import InputError
-from aspnn.vessel import Mounting
 from tests.estimation.boats import Boat, Errors, boat_log
 
 ANGLES = tuple(np.radians([1.2, -0.8, 1.7]))

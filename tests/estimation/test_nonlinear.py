@@ -12,8 +12,8 @@ from aspnn.estimation.measurements import from_log
 from aspnn.estimation.models import ONE_STEP, THESIS_SCHEME, Caa, Cmm, Ctra, Sigma
 from aspnn.estimation.nonlinear import from_antenna, model_problem, two_point_start
 from aspnn.estimation.problem import DOUBTED, OPEN, REACQUIRED, REJECTED, ModelProblem, Outliers
+from aspnn.instruments import Calibration, Noise
 from aspnn.schema import InputError
-from aspnn.vessel import Calibration, Noise
 
 SETTLED = 600
 

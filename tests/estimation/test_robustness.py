@@ -14,10 +14,11 @@ from aspnn.estimation.measurements import from_log
 from aspnn.estimation.models import Cmm, Ctra, Sigma
 from aspnn.estimation.nonlinear import model_problem
 from aspnn.frames import Zone, convergence, to_geodetic, to_grid, to_north_east
+from aspnn.instruments import Noise
 from aspnn.records import Log
 from aspnn.schema import InputError
 from aspnn.simulation import Scenario, simulate_scenario
-from aspnn.vessel import Noise, from_dict
+from aspnn.vessel import from_dict
 
 NEEDED = [c.name for c in schema.STATES if c.needed and "wind" not in c.name and "engine" not in c.name]
 BOW, STERN = (["bow_latitude_deg", "bow_longitude_deg"], ["stern_latitude_deg", "stern_longitude_deg"])

@@ -10,9 +10,10 @@ import pytest
 from aspnn import cli, records, workflow
 from aspnn.estimation.noise_file import with_noise_file, write_noise_file
 from aspnn.estimation.tuning import Tuning, tune
+from aspnn.instruments import Calibration, Noise
 from aspnn.records import Log
 from aspnn.schema import InputError
-from aspnn.vessel import Calibration, Noise, load_vessel
+from aspnn.vessel import load_vessel
 
 TRUE = Noise(position=0.3, heading=0.004, yaw_rate=0.0005, acceleration=0.02, jerk_density=4e-6, yaw_jerk_density=3e-9)
 

@@ -22,9 +22,9 @@ from aspnn.evaluation.consistency import (
 )
 from aspnn.evaluation.consistency_report import table
 from aspnn.evaluation.monte_carlo import monte_carlo, redrawer, state_errors
+from aspnn.instruments import Calibration
 from aspnn.schema import InputError
 from aspnn.simulation import Scenario, simulate_scenario, write_voyage
-from aspnn.vessel import Calibration
 from aspnn.workflow import consistency_files
 
 

@@ -205,3 +205,16 @@ def test_loading_imports_no_training_and_no_plots():
     modules = modules_after(code)
     assert "torch" in modules
     assert not modules & {"lightning", "pytorch_lightning", "matplotlib", "plotly", "sklearn", "tensorboard"}
+
+
+def test_wind_beyond_training_and_unheard_wind_are_flagged():
+    """Definition of the domain: a network that feels the wind has been in winds up to 14.7 m/s; where none is heard it took it as none."""
+    network = shipped("cargo90-wind")
+
+    def outside(speed: float) -> bool:
+        table = now().table.assign(wind_speed_true_m_s=speed, wind_from_grid_rad=0.3)
+        spread = network.predict(replace(now(), table=table)).spread
+        assert spread is not None
+        return bool(spread.outside)
+
+    assert [outside(speed) for speed in (0.0, 10.0, 20.0, np.nan)] == [False, False, True, True]

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from aspnn.frames import Zone, to_grid
+from aspnn.instruments import Mounting
 from aspnn.simulation import Sensors, Voyage, measure
 from aspnn.simulation.sensing.errors import bias, damped, play
 from aspnn.simulation.sensing.instruments import (
@@ -23,7 +24,7 @@ from aspnn.simulation.sensing.instruments import (
     imu_reads,
     unit_errors,
 )
-from aspnn.vessel import Mounting, load_vessel
+from aspnn.vessel import load_vessel
 
 ZONE = Zone.parse("33N")
 PLACE = to_grid(np.radians(69.65), np.radians(18.96), ZONE)

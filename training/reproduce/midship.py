@@ -20,9 +20,10 @@ from aspnn.estimation.models import ONE_STEP, Cmm, Ctra, Scheme, Sigma
 from aspnn.estimation.nonlinear import model_problem, two_point_start
 from aspnn.estimation.problem import OPEN, ModelProblem
 from aspnn.guidance.helms import Helm, held_orders, random_orders
+from aspnn.instruments import Noise
 from aspnn.simulation.ship import Ship
 from aspnn.simulation.voyage import Voyage, simulate
-from aspnn.vessel import Noise, load_vessel
+from aspnn.vessel import load_vessel
 
 VESSEL = load_vessel("cargo90")
 SHIP = Ship.of(VESSEL)

@@ -53,10 +53,10 @@ from aspnn.estimation.measurements import Measurements
 from aspnn.estimation.models import Cmm, Ctra, Sigma, measure_jacobian
 from aspnn.estimation.problem import ModelProblem
 from aspnn.guidance.helms import HEADING, Helm, straight
+from aspnn.instruments import Noise
 from aspnn.records import atomic
 from aspnn.schema import InputError
 from aspnn.simulation.voyage import Voyage, simulate
-from aspnn.vessel import Noise
 
 PUBLISHED = Path(__file__).parents[2] / "tests/reference/paper_2_inside.csv"
 COURSE = math.radians(30)

@@ -24,10 +24,11 @@ from aspnn.estimation.models import THESIS_SCHEME, Caa, Cmm, Ctra, Sigma, flow
 from aspnn.estimation.nonlinear import model_problem
 from aspnn.estimation.problem import OPEN, REACQUIRED, USED, ModelProblem, Outliers, Problem
 from aspnn.frames import to_body, to_geodetic, to_grid
+from aspnn.instruments import Noise
 from aspnn.records import Log
 from aspnn.schema import antennas
 from aspnn.simulation import read_scenario, simulate_scenario
-from aspnn.vessel import Noise, Vessel
+from aspnn.vessel import Vessel
 
 ROOT = Path(__file__).parents[2]
 DEG = math.pi / 180

@@ -56,7 +56,7 @@ def spells(rng: np.random.Generator, time: np.ndarray, share: float, mean: float
 def delayed(values: np.ndarray, time: np.ndarray, delay: float) -> np.ndarray:
     """What a sensor that is `delay` [s] late records at `time` [s]: `values` at time - delay, linearly between steps.
 
-    NaN before it has anything to tell. (The sign is that of vessel.Calibration: a delay that the filters take away again.)
+    NaN before it has anything to tell. (The sign is that of instruments.Calibration: a delay that the filters take away again.)
     """
     return values if delay == 0 else np.interp(time - delay, time, values, left=np.nan)
 

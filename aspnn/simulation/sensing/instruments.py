@@ -11,9 +11,9 @@ from pydantic.dataclasses import dataclass
 from scipy.spatial.transform import Rotation
 
 from aspnn.frames import attitude, station_acceleration, to_north_east
+from aspnn.instruments import Mounting
 from aspnn.simulation.sensing.errors import bias, damped, gauss_markov, play
 from aspnn.simulation.voyage import Voyage
-from aspnn.vessel import Mounting
 
 NotNegative = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]

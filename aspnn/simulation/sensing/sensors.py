@@ -41,7 +41,7 @@ class Sensors:
     """Rates [Hz], standard deviations and delays of the sensors; the defaults are those of the thesis. Rate 0: not on board.
 
     `position_m` is that of each of north and east, for every antenna; antennas are stations of the vessel. What a sensor with a
-    delay records at t tells the state at t - delay (as vessel.Calibration has it). The sections hold what is worse than white
+    delay records at t tells the state at t - delay (as instruments.Calibration has it). The sections hold what is worse than white
     noise. With a `period_s` all sensors on board sample together at that period, whatever their rates, as one unit records them
     (Paper VI: every 0.13 s, which is no whole rate). `quantised`, or a section `resolution`, rounds what is recorded as sentences
     of NMEA 0183 do.
