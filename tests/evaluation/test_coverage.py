@@ -64,7 +64,8 @@ class Blurred:
         square = misfit(past.start, *errors(past, gone, states), usual[:, marks(gone.time)], len(rows))
         outside = np.zeros(len(rows), bool)
         how = (states, rows, plans, outside, None, square)
-        return replace(path, spread=spread_of(self.calibration, path, carried, *how))
+        now = shape(self.calibration, path, carried, plans, states["rudder_angle_rad"][rows])
+        return replace(path, spread=spread_of(self.calibration, path, now, *how))
 
 
 @pytest.fixture(scope="module")

@@ -172,7 +172,11 @@ def test_interrupt_is_one_line(place, tmp_path):
     """Oracle: the command's promise. Ctrl-C inside a trial: exit code 130, one line that says how to go on, a study to go on with."""
     code = "import sys; from aspnn import cli; sys.argv[0] = 'aspnn'; cli.main()"
     words = ["search", place / "small.toml", "--trials", "500", "--out", tmp_path, "--quiet"]
-    running = subprocess.Popen([sys.executable, "-c", code, *map(str, words)], stderr=subprocess.PIPE, text=True)
+    # A shell that runs the tests in its background ignores interrupts, which children inherit.
+    heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
+    running = subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, words)], stderr=subprocess.PIPE, text=True, **heard
+    )
     while not list(tmp_path.glob("trials/*/rollout/curves.csv")) and running.poll() is None:
         time.sleep(0.05)
     running.send_signal(signal.SIGINT)
