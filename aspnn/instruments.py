@@ -1,6 +1,7 @@
 """What a vessel file says of the ship's instruments: their noise, their constant errors, and how the inertial unit is mounted."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any
@@ -154,6 +155,14 @@ def read_noise(data: dict[str, Any], default: Noise, where: str) -> Noise:
     return replace(default, **found)
 
 
+def _check_key(where: str, section: str, key: str, known: Iterable[str]) -> None:
+    known = tuple(known)
+    if key not in known:
+        near = get_close_matches(key, known, 1)
+        hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
+        raise InputError(f"{where}: {section}.{key} is not known, {hint}")
+
+
 def calibration_data(calibration: Calibration) -> dict[str, float]:
     """The section `calibration` of a vessel file."""
     return {key: _told(key, getattr(calibration, name)) for key, (name, _, _) in CALIBRATION_KEYS.items()}
@@ -163,10 +172,7 @@ def read_calibration(data: dict[str, Any], where: str) -> Calibration:
     """Calibration from the section `calibration` of plain data; what it does not name is zero. Raises InputError."""
     found = {}
     for key, value in data.get("calibration", {}).items():
-        if key not in CALIBRATION_KEYS:
-            near = get_close_matches(key, CALIBRATION_KEYS, 1)
-            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(CALIBRATION_KEYS)}"
-            raise InputError(f"{where}: calibration.{key} is not known, {hint}")
+        _check_key(where, "calibration", key, CALIBRATION_KEYS)
         name, low, high = CALIBRATION_KEYS[key]
         if not (isinstance(value, int | float) and low <= value <= high):
             raise InputError(f"{where}: calibration.{key} = {value} must be a number from {low:g} to {high:g}")
@@ -178,10 +184,7 @@ def read_spatial(data: dict[str, Any], where: str) -> Spatial:
     """Spatial from the section `spatial` of plain data; what it does not name is the default. Raises InputError."""
     found = {}
     for key, value in data.get("spatial", {}).items():
-        if key not in SPATIAL_KEYS:
-            near = get_close_matches(key, SPATIAL_KEYS, 1)
-            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(SPATIAL_KEYS)}"
-            raise InputError(f"{where}: spatial.{key} is not known, {hint}")
+        _check_key(where, "spatial", key, SPATIAL_KEYS)
         if not (isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf):
             raise InputError(f"{where}: spatial.{key} = {value} must be a positive number")
         found[SPATIAL_KEYS[key]] = math.radians(value) if "_deg" in key else float(value)
@@ -201,10 +204,7 @@ def read_mounting(data: dict[str, Any], where: str) -> Mounting:
     """Mounting from the section `imu` of plain data; what it does not name is that of a unit along the ship's axes. Raises InputError."""
     section = data.get("imu", {})
     for key in section:
-        if key not in ("axes", "misalignment_deg", "reads"):
-            near = get_close_matches(key, ("axes", "misalignment_deg", "reads"), 1)
-            hint = f"did you mean {near[0]}?" if near else "known: axes, misalignment_deg, reads"
-            raise InputError(f"{where}: imu.{key} is not known, {hint}")
+        _check_key(where, "imu", key, ("axes", "misalignment_deg", "reads"))
     axes = section.get("axes", ["x", "y", "z"])
     known = [sign + axis for sign in ("", "-") for axis in "xyz"]
     if not (isinstance(axes, list) and len(axes) == 3 and all(axis in known for axis in axes)):

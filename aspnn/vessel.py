@@ -92,6 +92,15 @@ class Vessel:
         """x of the bow and the stern station [m], forward positive."""
         return self.stations["bow"][0], self.stations["stern"][0]
 
+    def other_hull(self, want: "Vessel") -> tuple[str, float, float] | None:
+        """What of length and sway stations differs first from those of `want`, by more than a thousandth of its length: name, own, wanted [m]."""
+        pairs = zip(self.sway_stations, want.sway_stations, strict=True)
+        lengths = [(self.length, want.length), *pairs]
+        for what, (own, wanted) in zip(("length", "bow station", "stern station"), lengths, strict=True):
+            if abs(own - wanted) > 1e-3 * want.length:
+                return what, own, wanted
+        return None
+
     def outline(self) -> np.ndarray:
         """Hull outline in body axes, (n, 2) as (x forward, y starboard) [m], closed, bow first.
 

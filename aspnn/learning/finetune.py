@@ -94,17 +94,13 @@ def _refuse(training: Training, parent: Bundle, key: str, own: Any, other: Any) 
 
 def check_hull(vessel: Vessel, parent: Bundle) -> None:
     """The boat may be another, but its length and sway stations must be the parent's: the network has them in it. Raises InputError."""
-    want = parent.vessel
-    for what, a, b in (
-        ("length", vessel.length, want.length),
-        ("bow station", vessel.sway_stations[0], want.sway_stations[0]),
-        ("stern station", vessel.sway_stations[1], want.sway_stations[1]),
-    ):
-        if abs(a - b) > 1e-3 * want.length:
-            raise InputError(
-                f"vessel {vessel.name}: {what} {a:g} m, checkpoint {parent.name} was trained with {b:g} m; "
-                "fine-tune a checkpoint of that hull, or train anew"
-            )
+    other = vessel.other_hull(parent.vessel)
+    if other is not None:
+        what, a, b = other
+        raise InputError(
+            f"vessel {vessel.name}: {what} {a:g} m, checkpoint {parent.name} was trained with {b:g} m; "
+            "fine-tune a checkpoint of that hull, or train anew"
+        )
 
 
 def widest(a: dict[str, list[float]], b: dict[str, list[float]]) -> dict[str, list[float]]:

@@ -147,12 +147,9 @@ def check_vessel(states: States, contract: Contract) -> None:
         raise InputError(
             f"{states.path or 'states'}: vessel {have.name}, but checkpoint {contract.name} was trained on {want.name}"
         )
-    for what, a, b in (
-        ("length", have.length, want.length),
-        ("bow station", have.sway_stations[0], want.sway_stations[0]),
-        ("stern station", have.sway_stations[1], want.sway_stations[1]),
-    ):
-        if abs(a - b) > 1e-3 * want.length:
-            raise InputError(
-                f"{states.path or 'states'}: {what} {a:g} m of {have.name}, the checkpoint was trained with {b:g} m"
-            )
+    other = have.other_hull(want)
+    if other is not None:
+        what, a, b = other
+        raise InputError(
+            f"{states.path or 'states'}: {what} {a:g} m of {have.name}, the checkpoint was trained with {b:g} m"
+        )
