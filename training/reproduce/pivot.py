@@ -44,7 +44,7 @@ REASONS = """
 - The place -v / r has a pole at r = 0 that runs through all samples. Over (v, r) no one length scale fits both the pole and the rest, so
   what the process cannot follow it calls noise: as printed its interval covers by its width. One sign for infinity makes it worse.
 - On the circle the pole is gone: the same process with as many samples is sure to little more than the 0.1 m of noise that the
-  paper adds, and no sample has to be cut. Its interval without that noise is narrow and holds less than it says.
+  paper adds, and no sample has to be cut. With 10,000 samples its interval without that noise is 0.1 m wide and holds its share.
 - All of it takes 800 MB to be what -v / r is at once, with Fieller's interval that holds the true place in 95 of 100 cases.
 - The region map's interval is its region: sure, and an eighth of the length wide or more. Two sways of the same quality tell the
   yaw rate worse than a gyro does: wider intervals, and more often undefined.
