@@ -46,8 +46,8 @@ def predict_carried(
     """Paths (n, steps) as `learned.predict_rows` gives them, their covariance by the filter's errors, and `outside` (n,).
 
     The covariance (n, steps, 3, 3) is of north, east [m] and heading [rad]. An error is taken as lasting over the whole
-    history, so that the network cannot average it out. `outside` tells whether an input or a forcing is beyond training, or
-    the history is broken (see `features.broken`).
+    history, so that the network cannot average it out. `outside` tells whether an input, a forcing or the wind that
+    the network feels is beyond training, or the history is broken (see `features.broken`).
     """
     learned.check_vessel(states, contract)
     rows, spec = np.asarray(rows, int), contract.spec
