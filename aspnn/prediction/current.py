@@ -52,29 +52,32 @@ def can_estimate(spec: WindowSpec) -> bool:
 def estimate_current(
     contract: Contract, network: Network, states: States, rows: np.ndarray, deviation: float
 ) -> Current:
-    """The current at each of `rows` (n,) from the states before it; a start with less of them than history and memory, or broken ones, has none.
+    """The current at each of `rows` (n,) from the states before it; where they are less than history and horizon, or broken, none.
 
-    The spec's `current_memory`, or else the last horizon, in parts of a third of the horizon: see `_sought`. What looks like a
-    current and is none, such as wind that the network does not know, gains less than SURE: 16 at most in six simulated voyages
-    of cargo90 in winds of up to 10 m/s.
+    The spec's `current_memory`, or as much of it as there is, else the last horizon, in parts of a third of the horizon: see
+    `_sought`. What looks like a current and is none, such as wind that the network does not know, gains less than SURE: 16 at
+    most in six simulated voyages of cargo90 in winds of up to 10 m/s.
     """
     rows, spec = np.asarray(rows, int), contract.spec
     time, span = states["time_s"], part(spec)
-    count = PARTS if spec.current_memory is None else round(spec.current_memory / span)
+    most = PARTS if spec.current_memory is None else round(spec.current_memory / span)
     velocity, covariance = np.zeros((len(rows), 2)), np.full((len(rows), 2, 2), np.nan)
-    first = _epoch(time, time[rows] - count * span)
-    before = time[first] - spec.period * (spec.history_steps - 1)
-    unusable = broken(states, spec.read, spec.period)
-    whole = unusable[rows + 1] == unusable[time.searchsorted(before - 1e-6)]
-    enough = np.flatnonzero((first >= 0) & (before >= time[0] - 1e-6) & whole)
     sure = np.zeros(len(rows), bool)
-    if len(enough) == 0:
-        return Current(velocity, covariance, sure)
-    begins = np.concatenate([time[rows[enough]] - count * span + k * span for k in range(count)])
-    found, normal, gain = _sought(contract, network, states, begins, len(enough), deviation)
-    sure[enough] = gain > SURE
-    velocity[enough] = np.where((gain > SURE)[:, None], found, 0.0)
-    covariance[enough] = np.linalg.inv(normal)
+    unusable = broken(states, spec.read, spec.period)
+    left = np.ones(len(rows), bool)
+    for count in range(most, PARTS - 1, -1):  # the longest past that is there
+        first = _epoch(time, time[rows] - count * span)
+        before = time[first] - spec.period * (spec.history_steps - 1)
+        whole = unusable[rows + 1] == unusable[time.searchsorted(before - 1e-6)]
+        enough = np.flatnonzero(left & (first >= 0) & (before >= time[0] - 1e-6) & whole)
+        if len(enough) == 0:
+            continue
+        left[enough] = False
+        begins = np.concatenate([time[rows[enough]] - count * span + k * span for k in range(count)])
+        found, normal, gain = _sought(contract, network, states, begins, len(enough), deviation)
+        sure[enough] = gain > SURE
+        velocity[enough] = np.where((gain > SURE)[:, None], found, 0.0)
+        covariance[enough] = np.linalg.inv(normal)
     return Current(velocity, covariance, sure)
 
 

@@ -164,6 +164,29 @@ def test_a_memory_longer_than_the_horizon():
     assert (found.covariance[:, [0, 1], [0, 1]] < short.covariance[:, [0, 1], [0, 1]]).all()
 
 
+def test_a_memory_that_the_log_does_not_fill_yet():
+    """Law: until the memory is full a start goes by the parts that there are, as one with just so long a memory."""
+    states, _ = voyage("cargo90-current", 502)
+    rows = np.searchsorted(states["time_s"], [100.0, 130.0, 160.0, 190.0, 300.0])
+    spec = flagship().spec
+
+    def by(memory):
+        return current.estimate_current(
+            replace(flagship(), spec=replace(spec, current_memory=memory)), network, states, rows, DEVIATION
+        )
+
+    found, shorter = by(180.0), by(120.0)
+    assert np.isfinite(found.covariance[:, 0, 0]).tolist() == [
+        False,
+        True,
+        True,
+        True,
+        True,
+    ]  # history 30 s, horizon 90 s
+    np.testing.assert_allclose(found.velocity[2], shorter.velocity[2], rtol=1e-12)
+    assert (found.covariance[4, 0, 0] < shorter.covariance[4, 0, 0]) and found.sure[2]
+
+
 def test_parts_that_fit_neither_period_nor_epochs():
     """Oracle: a ship that obeys the law in a known current, states at 0.13 s: a part's end is read off between epochs, and a part is
     whole periods long, or the way of a tenth of a second would pass for a current."""
