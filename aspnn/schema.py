@@ -106,6 +106,17 @@ _ESTIMATES = (
     Column("yaw_acceleration_rad_s2", "rad/s2", "body", "time derivative of the yaw rate", needed=True),
 )
 
+_OF_COURSE = (
+    Column(
+        "course_rad",
+        "rad",
+        "grid north",
+        "course over ground of the antenna, continuous; this and what follows of the course filter, which takes no heading",
+    ),
+    Column("speed_over_ground_m_s", "m/s", "ground", "speed over ground of the antenna"),
+    Column("course_rate_rad_s", "rad/s", "-", "time derivative of the course"),
+)
+
 STATES = (
     Column("time_s", "s", "-", "time from the start of the log", needed=True),
     *_ESTIMATES,
@@ -157,7 +168,15 @@ STATES = (
     Column(
         "stale", "bool", "-", "a fix repeats its predecessor, or another sensor sticks, and was not used", needed=True
     ),
-    Column("coasting", "bool", "-", "no position has been used for longer than two seconds", needed=True),
+    Column(
+        "coasting",
+        "bool",
+        "-",
+        "no position has been used for longer than two seconds (of the course filter: than twice the interval of the fixes, if that is longer)",
+        needed=True,
+    ),
+    *_OF_COURSE,
+    *(Column(f"{c.name}_sd", c.unit, c.frame, f"standard deviation of {c.name}") for c in _OF_COURSE),
     Column(
         "roll_rad",
         "rad",

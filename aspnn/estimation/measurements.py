@@ -153,16 +153,21 @@ def joined(early: Opening, late: Opening) -> Opening:
     )
 
 
-def check_opening(log: Log, begin: Opening) -> None:
-    """Raise InputError when a log has no fix or no heading at all, one antenna twice under two names, or no noise to expect."""
+def check_opening(log: Log, begin: Opening, heading: bool = True) -> None:
+    """Raise InputError when a log has no fix or no heading at all, one antenna twice under two names, or no noise to expect.
+
+    Without `heading` the filter needs none.
+    """
     where = log.path or "log"
     for name, value in asdict(log.vessel.noise).items():
         if not 0 < value < math.inf:
             raise InputError(f"{where}: vessel {log.vessel.name}: noise {name} = {value} must be a positive number")
     if begin.origin is None:
         raise InputError(f"{where}: no antenna has any position; fill NAME_latitude_deg and NAME_longitude_deg")
-    if "heading_deg" not in begin.first:
-        raise InputError(f"{where}: column heading_deg has no value; the filter needs a heading")
+    if heading and "heading_deg" not in begin.first:
+        raise InputError(
+            f"{where}: column heading_deg has no value; the filter needs a heading (filter --course-only goes without)"
+        )
     told = set(schema.antennas(begin.first))
     for a, b in sorted(pair for pair in begin.twins if told.issuperset(pair)):
         apart = math.dist(log.vessel.stations[a], log.vessel.stations[b])
@@ -274,7 +279,7 @@ def from_block(log: Log, begin: Opening, past: Past | None = None) -> tuple[Meas
         stale=stale,
         stations={name: log.vessel.stations[name] for name in (*fixes, "imu")},
         calibration=log.vessel.calibration,
-        first_heading=math.radians(begin.first["heading_deg"]) - float(gamma[0]),
+        first_heading=math.radians(begin.first.get("heading_deg", math.nan)) - float(gamma[0]),
     )
     rows = log.table[needed].reset_index(drop=True)
     return measured, Past(rows, shown, place[-1], settled, float(np.floor(time[-1])), float(gamma[-1]))

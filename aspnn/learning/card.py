@@ -26,6 +26,8 @@ def model_card(bundle: Bundle) -> str:
     }
     if spec.spatial:
         rows["sees"] += ", from the filter in three dimensions"
+    if spec.course_only:
+        rows["sees"] += ", from positions alone (course filter)"
     if spec.current_memory is not None:
         rows["current"] = f"sought in the last {spec.current_memory:g} s"
     if (parent := facts.get("parent")) is not None:
@@ -42,7 +44,8 @@ def model_card(bundle: Bundle) -> str:
         rows["choice"] = f"mixed with {kinematic} where that is better; fixed on {count} other voyages"
     if bundle.servos is not None:
         rows |= bundle.servos.lines()
-    source = training["data"]["scenario"] or ", ".join(training["data"]["logs"])
+    data = training["data"]
+    source = data["scenario"] or ", ".join(data.get("scenarios") or data["logs"])
     rows["trained on"] = f"{source}: {rows['trained on']}"
     rows["training"] = f"{_epochs(facts, training)}{rows['training']}"
     table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())

@@ -18,13 +18,15 @@ Pair = tuple[float, float]
 
 
 class Data(BaseModel):
-    """Where voyages come from, relative to the training file: a scenario to simulate, or logs (files, folders, globs).
+    """Where voyages come from, relative to the training file: a scenario to simulate, several, or logs (files, folders, globs).
 
+    Of several `scenarios` all voyages are simulated, one scenario after the other, so that the last of the last are those of validation.
     With `stream`, windows are written to the run folder voyage by voyage and read from there a batch at a time.
     """
 
     model_config = STRICT
     scenario: str | None = None
+    scenarios: tuple[str, ...] = ()
     logs: tuple[str, ...] = ()
     voyages: int | None = Field(None, ge=1)
     validation_voyages: int = Field(0, ge=0)
@@ -35,7 +37,8 @@ class Data(BaseModel):
 class Cut(BaseModel):
     """What windows hold and where they start; `train` and `validation` limit how many are kept, in the order of voyages.
 
-    With `spatial` states are those of the filter in three dimensions, for boats that roll and pitch.
+    With `spatial` states are those of the filter in three dimensions, for boats that roll and pitch; with `course_only` inputs are
+    those of the filter that takes positions alone, for ships without a gyro (labels still need voyages with a heading).
     """
 
     model_config = STRICT
@@ -46,6 +49,7 @@ class Cut(BaseModel):
     forcings: tuple[str, ...] = ()
     wind_memory_s: float = Field(WIND_MEMORY, gt=0)  # over which the wind at a start is averaged
     spatial: bool = False
+    course_only: bool = False
     current_memory_s: float | None = Field(
         None, gt=0
     )  # in which a current is sought; without it as long as the horizon
@@ -66,6 +70,7 @@ class Cut(BaseModel):
             wind_memory=self.wind_memory_s,
             current_memory=self.current_memory_s,
             spatial=self.spatial,
+            course_only=self.course_only,
         )
 
     def sampling(self) -> Sampling:
@@ -238,6 +243,7 @@ def write_training(training: Training, path: str | Path) -> None:
 
     data = training.model_dump(mode="json", exclude={"folder", "search"}, exclude_none=True)
     data["data"]["logs"] = [moved(source) for source in training.data.logs]
+    data["data"]["scenarios"] = [moved(source) for source in training.data.scenarios]
     if training.data.scenario is not None:
         data["data"]["scenario"] = moved(training.data.scenario)
     # JSON writes plain values, and lists of them, as TOML does.
@@ -292,7 +298,10 @@ def check_search(training: Training, source: str | Path) -> None:
 def read_training(path: str | Path) -> Training:
     """A training file. Raises InputError, one line that names the file and the key."""
     training = read_toml(path, Training, folder=Path(path).parent)
-    if (training.data.scenario is None) == (not training.data.logs):
-        raise InputError(f"{path}: data: name either a scenario or logs")
+    data = training.data
+    if (data.scenario is not None) + bool(data.scenarios) + bool(data.logs) != 1:
+        raise InputError(f"{path}: data: name either a scenario or scenarios or logs")
+    if data.scenarios and data.voyages is not None:
+        raise InputError(f"{path}: data: voyages is of one scenario; each of several says its own")
     check_search(training, path)
     return training

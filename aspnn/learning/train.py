@@ -18,6 +18,7 @@ import torch
 
 from aspnn import __version__, records
 from aspnn.estimation import filter_log, smooth_log
+from aspnn.estimation.course import filter_course
 from aspnn.estimation.spatial import filter_spatial
 from aspnn.learning import fit, stream
 from aspnn.learning.checkpoint import Bundle
@@ -77,7 +78,7 @@ def training_material(
     parts: list[dict[str, list]] = [{} for _ in starting]  # by voyage: windows, or the files that hold them
     digest = hashlib.sha256()
     vessel, held = None, training.data.validation_voyages
-    servos, estimated = _with_servos(_estimated(logs, spec.spatial, flow), starting[-1], held)
+    servos, estimated = _with_servos(_estimated(logs, spec, flow), starting[-1], held)
     servos = servos if parent is None else parent.servos(servos)
     for log, filtered, smoothed in estimated:
         vessel = vessel or log.vessel
@@ -116,7 +117,7 @@ def training_material(
 Estimated = tuple[Log, States, States]  # a log with its filtered and its smoothed states
 
 
-def _estimated(logs: Iterable[Log], spatial: bool, flow: Flow | None) -> Iterator[Estimated]:
+def _estimated(logs: Iterable[Log], spec: WindowSpec, flow: Flow | None) -> Iterator[Estimated]:
     """Logs of one vessel with their states. Raises InputError when one is of another."""
     first = None
     for log in logs:
@@ -126,8 +127,9 @@ def _estimated(logs: Iterable[Log], spatial: bool, flow: Flow | None) -> Iterato
                 f"{log.path or log.voyage}: vessel {log.vessel.name} among voyages of {first.name}; train on one vessel"
             )
         # Driven by its accelerometers, the filter in three dimensions follows a boat so closely that its states serve as labels.
-        filtered = filter_spatial(log) if spatial else filter_log(log)
-        smoothed = filtered if spatial else smooth_log(log)
+        # The network of ships without a gyro sees what positions tell, and is taught by what a gyro would have told.
+        filtered = filter_spatial(log) if spec.spatial else filter_course(log) if spec.course_only else filter_log(log)
+        smoothed = filtered if spec.spatial else smooth_log(log)
         if flow is not None:
             current = flow(filtered)
             filtered, smoothed = (from_the_water(states, current) for states in (filtered, smoothed))

@@ -33,7 +33,7 @@ class WindowSpec:
     `history` and `horizon` [s] at steps of `period` [s]; the history's last row is the start itself. Forcings are known
     for the future and given at every instant from the start to the horizon. The wind at the start is the mean of the last
     `wind_memory` [s]: what is gusty there, and what lasts. A current is sought in the last `current_memory` [s]; without it in as
-    much as the horizon. `spatial`: whether states are those of the filter in three dimensions.
+    much as the horizon. `spatial`: whether states are those of the filter in three dimensions; `course_only`: of the course filter.
     """
 
     history: float
@@ -45,6 +45,7 @@ class WindowSpec:
     wind_memory: float = WIND_MEMORY
     current_memory: float | None = None
     spatial: bool = False
+    course_only: bool = False
 
     def __post_init__(self):
         for kind, names, known in (
@@ -59,6 +60,8 @@ class WindowSpec:
             raise InputError(f"period {self.period:g} s must be positive and no longer than history and horizon")
         if not self.wind_memory > 0:
             raise InputError(f"wind_memory {self.wind_memory:g} s must be positive")
+        if self.spatial and self.course_only:
+            raise InputError("spatial and course_only are of two filters; set one of them")
         if self.current_memory is not None and not self.current_memory >= self.horizon:
             raise InputError(
                 f"current_memory {self.current_memory:g} s must be no shorter than the horizon of {self.horizon:g} s"
@@ -129,6 +132,21 @@ class Windows:
 
 
 ARRAYS = tuple(f.name for f in fields(Windows) if f.name not in ("spec", "voyages"))
+
+
+def check_filter(states: States, spec: WindowSpec, name: str) -> None:
+    """Refuse states of the course filter for the network `name` that learned from those of a filter with heading, and the reverse.
+
+    Raises InputError.
+    """
+    without = "course_rad" in states.table
+    if without != spec.course_only:
+        made, learned = ("positions alone", "a heading") if without else ("a heading", "positions alone")
+        again = "without" if without else "with"
+        raise InputError(
+            f"{states.path or 'states'}: made from {made}, but {name} learned from states with {learned}; filter the log again "
+            f"{again} --course-only, or take another checkpoint or caa_ctra"
+        )
 
 
 def starts(states: States, spec: WindowSpec, sampling: Sampling) -> np.ndarray:

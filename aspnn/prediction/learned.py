@@ -12,7 +12,7 @@ import numpy as np
 from aspnn.frames import to_body
 from aspnn.learning.features import begins, forcing, history
 from aspnn.learning.servo import Servos
-from aspnn.learning.windows import WindowSpec, start_wind
+from aspnn.learning.windows import WindowSpec, check_filter, start_wind
 from aspnn.motion import Path, integrate, pivot_point, region_map_path, two_station_motion
 from aspnn.motion.path import YAW_RATE_FLOOR
 from aspnn.orders import Plan
@@ -141,9 +141,12 @@ def draw(contract: Contract, pose: np.ndarray, velocities: np.ndarray, region_ma
 
 
 def check_vessel(states: States, contract: Contract) -> None:
-    """Refuse states of another vessel, or with other sway stations. Raises InputError naming both."""
+    """Refuse states of another vessel, with other sway stations, or of a filter that the network does not know.
+
+    Another loading of the vessel will do. Raises InputError naming both.
+    """
     have, want = states.vessel, contract.vessel
-    if have.name != want.name:
+    if have.ship != want.ship:
         raise InputError(
             f"{states.path or 'states'}: vessel {have.name}, but checkpoint {contract.name} was trained on {want.name}"
         )
@@ -153,3 +156,4 @@ def check_vessel(states: States, contract: Contract) -> None:
         raise InputError(
             f"{states.path or 'states'}: {what} {a:g} m of {have.name}, the checkpoint was trained with {b:g} m"
         )
+    check_filter(states, contract.spec, contract.name)

@@ -32,20 +32,20 @@ def test_a_known_lag_is_found(late):
 
 @pytest.mark.parametrize("memory", [0.0, 0.8])
 def test_the_standard_error_is_that_of_repetitions(memory):
-    """Statistic: (found - true) / error over 200 repetitions has mean 0 and deviation 1, for white and for coloured noise.
+    """Statistic: (found - true) / error over 100 repetitions has mean 0 and deviation 1, for white and for coloured noise.
 
-    Tolerances are three standard deviations: of the mean 1 / sqrt(200), of the deviation 1 / sqrt(400); coloured noise has
+    Tolerances are three standard deviations: of the mean 1 / sqrt(100), of the deviation 1 / sqrt(200); coloured noise has
     10 % more, since Bartlett weights leave out what is correlated beyond the bandwidth.
     """
     rng, late = np.random.default_rng(5), 1.7
     time = np.arange(0, 300, 0.2)
     scores = []
-    for _ in range(200):
+    for _ in range(100):
         values = 0.8 * swing(time - late) + 0.3 * noise(rng, len(time), memory)
         found, error = lag(time, values, REFERENCE_TIME, swing(REFERENCE_TIME), longest=5.0)
         scores.append((found - late) / error)
-    assert abs(np.mean(scores)) < 3 / np.sqrt(200)
-    assert abs(np.std(scores) - 1) < 3 / np.sqrt(400) + (0.1 if memory else 0.0)
+    assert abs(np.mean(scores)) < 3 / np.sqrt(100)
+    assert abs(np.std(scores) - 1) < 3 / np.sqrt(200) + (0.1 if memory else 0.0)
 
 
 def test_gaps_are_passed_over():
