@@ -1,4 +1,7 @@
-"""Guidance: helms, which are callables from time and state to a rudder order. Depends on orders only, never on a simulator."""
+"""Guidance: helms (callables from time and state to a rudder order), routes, guidance laws and autopilots.
+
+Depends on estimation, orders, angles and schema, never on a simulator.
+"""
 
 from aspnn.guidance.helms import (
     Helm,
