@@ -14,7 +14,7 @@ from aspnn import records
 from aspnn.evaluation.coverage import calibrated, coverage, coverage_metrics, stacked
 from aspnn.evaluation.errors import Errors, Ratio, concatenate, paired_ratios, path_errors, summary
 from aspnn.evaluation.reference import Voyage
-from aspnn.evaluation.windows import GROUPS, MODEL_SHIP_LENGTH, NEW, ORDER, WITHIN, Rule, find_starts
+from aspnn.evaluation.windows import MODEL_SHIP_LENGTH, NEW, ORDER, WITHIN, Rule, find_starts
 from aspnn.motion import Path
 from aspnn.orders import Plan
 from aspnn.records import States
@@ -31,6 +31,7 @@ TITLES = {
     "orders_within_horizon": "a new rudder order, another within the horizon",
     "order": "a rudder order",
     "steady": "steady, no order near",
+    "steered": "at any time, whatever is ordered",
 }
 
 
@@ -241,11 +242,11 @@ def metrics(evaluation: Evaluation) -> dict[str, Any]:
     regions; `regions` that of headings too, two standard errors by a bootstrap over voyages, and the median sizes. A group
     without windows has n = 0 and no horizons.
     """
-    shares, details = coverage_metrics(evaluation, GROUPS)
+    shares, details = coverage_metrics(evaluation, evaluation.rule.groups)
     predictors: dict[str, Any] = {}
     for name, errors in evaluation.errors.items():
         predictors[name] = {}
-        for group in GROUPS:
+        for group in evaluation.rule.groups:
             rows = evaluation.rows(group)
             horizons = {}
             for horizon in evaluation.rule.horizons if len(rows) else ():
@@ -270,7 +271,7 @@ def write_metrics(evaluation: Evaluation, path: str | FilePath) -> None:
 
 def headline_groups(evaluation: Evaluation) -> list[str]:
     """The groups that tables and figures show: those of the rule that have windows."""
-    return [group for group in evaluation.rule.headline if len(evaluation.rows(group))]
+    return [group for group in evaluation.rule.shown if len(evaluation.rows(group))]
 
 
 def metres(evaluation: Evaluation, value: float) -> str:

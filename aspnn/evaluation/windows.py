@@ -3,7 +3,9 @@
 `new_order` starts at an order change of at least 5 deg, at least 5 s after the last one, held for the whole horizon;
 `orders_within_horizon` starts at such a change with a further one inside the horizon; `order` is both together;
 `steady` has no order from some time before the start to the end of the horizon. An order exactly at the end of the
-horizon does not act inside it. Depends on records and orders only.
+horizon does not act inside it. A helm that closes a loop (an autopilot, a person at the wheel) orders all the time by little, so that
+these hardly fill: `steered` starts every so many seconds whatever is ordered, where a rule asks for it, and its windows may be those of
+other groups too. As everywhere the plan that predictors get is what was ordered then. Depends on records and orders only.
 """
 
 import math
@@ -16,8 +18,8 @@ from aspnn.orders import Orders, Plan
 from aspnn.records import States
 from aspnn.vessel import Vessel
 
-NEW, WITHIN, STEADY, ORDER = "new_order", "orders_within_horizon", "steady", "order"
-GROUPS = (NEW, WITHIN, ORDER, STEADY)
+NEW, WITHIN, STEADY, ORDER, STEERED = "new_order", "orders_within_horizon", "steady", "order", "steered"
+GROUPS = (NEW, WITHIN, ORDER, STEADY)  # those of every rule
 MODEL_SHIP_LENGTH = 10.0  # m: a shorter hull is a model ship, whose time runs faster
 
 
@@ -31,12 +33,23 @@ class Rule:
     steady_every: float = 15.0  # between steady starts inside one stretch
     order_change: float = math.radians(5)
     order_apart: float = 5.0
+    steered_every: float | None = None  # between `steered` starts; None: there are none
     headline: tuple[str, ...] = (NEW, WITHIN, STEADY)  # the groups that tables and figures show
 
     @property
     def horizon(self) -> float:
         """The longest horizon [s]."""
         return max(self.horizons)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The groups that there may be windows of, `order` for two of them together."""
+        return GROUPS if self.steered_every is None else (*GROUPS, STEERED)
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """The groups that tables and figures show."""
+        return self.headline if self.steered_every is None else (*self.headline, STEERED)
 
     @staticmethod
     def of(vessel: Vessel) -> "Rule":
@@ -79,6 +92,9 @@ def find_starts(states: States, rule: Rule, shaft: Orders | None = None) -> Star
         held = orders.held_within(change, change + horizon, rule.order_change)
         found.append((float(change), NEW if held else WITHIN))
     found += [(float(start), STEADY) for start in _steady_starts(orders, time, rule)]
+    if rule.steered_every is not None:
+        every = np.arange(time[0] + rule.history, time[-1] - horizon + 1e-6, rule.steered_every)
+        found += [(float(start), STEERED) for start in every]
     found.sort()
     rows = np.searchsorted(time, np.array([start for start, _ in found]) - 1e-6)
     groups = np.array([group for _, group in found], dtype=object)

@@ -32,7 +32,17 @@ from aspnn.simulation.scenario import Scenario, batch_size, simulate_scenario, s
 from aspnn.vessel import Vessel, load_vessel
 
 PACKAGE = Path(__file__).parents[1]
-SOURCES = ("simulation/**/*.py", "guidance/*.py", "angles.py", "frames.py", "orders.py", "records.py", "vessel.py")
+SOURCES = (
+    "simulation/**/*.py",
+    "guidance/*.py",
+    "estimation/course*.py",
+    "estimation/sideslip.py",
+    "angles.py",
+    "frames.py",
+    "orders.py",
+    "records.py",
+    "vessel.py",
+)
 WORTH = 200_000  # steps that are worth a process of their own, which takes a second or two to start
 CONNECT = 20  # seconds that a Dask scheduler has to answer
 Watch = Callable[[Iterable, str, int], Iterable]

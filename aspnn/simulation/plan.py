@@ -1,9 +1,12 @@
-"""What a scenario asks of ship and engine: the parts of a scenario file that say where it starts and what is ordered."""
+"""What a scenario asks of ship and engine: the parts of a scenario file that say where it starts and what is ordered.
+
+Manoeuvres that close a loop round the ship (routes, courses) are in `routes`.
+"""
 
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
@@ -11,6 +14,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from aspnn.frames import Zone
 from aspnn.guidance.helms import Helm, random_orders, steady_heading, williamson_turn, zigzag
 from aspnn.orders import Orders
+from aspnn.simulation.ship import Ship
 
 STRICT = ConfigDict(extra="forbid", frozen=True)
 Ordered = Helm | list[Orders]  # a helm, or the orders of each voyage known beforehand
@@ -73,6 +77,28 @@ class Start(BaseModel):
     heading_deg: Bearing  # true
 
 
+class Departure(NamedTuple):
+    """What a manoeuvre may know of the voyages of a batch when they begin: place and heading of the grid, SI and radians.
+
+    `speeds` are the least and the greatest that a start is drawn from; `speed` the middle of them, which a helm is tuned for.
+    """
+
+    ship: Ship
+    zone: Zone
+    north: float
+    east: float
+    heading: np.ndarray  # (batch,)
+    convergence: float
+    speeds: tuple[float, float]
+    duration: float
+    step: float
+
+    @property
+    def speed(self) -> float:
+        """What a helm is tuned for; the service speed where voyages start at rest."""
+        return 0.5 * sum(self.speeds) or self.ship.service_speed
+
+
 class Straight(BaseModel):
     """Rudder amidships."""
 
@@ -80,8 +106,8 @@ class Straight(BaseModel):
     kind: Literal["straight"]
     rudder_deg: ClassVar[float] = 0.0
 
-    def helm(self, rngs: Sequence[np.random.Generator], duration: float) -> Ordered:
-        """What steers the voyages of a batch; `rngs` holds a generator per voyage. The same in all manoeuvres."""
+    def helm(self, rngs: Sequence[np.random.Generator], leaving: Departure) -> Ordered:
+        """What steers the voyages of a batch that is `leaving`; `rngs` holds a generator per voyage. The same in all manoeuvres."""
         return [Orders(np.array([0.0]), np.array([0.0]))] * len(rngs)
 
 
@@ -93,7 +119,7 @@ class TurningCircle(BaseModel):
     rudder_deg: float
     start_s: float = Field(60.0, ge=0)
 
-    def helm(self, rngs: Sequence[np.random.Generator], duration: float) -> Ordered:
+    def helm(self, rngs: Sequence[np.random.Generator], leaving: Departure) -> Ordered:
         order = Orders(np.array([-np.inf, self.start_s]), np.array([0.0, math.radians(self.rudder_deg)]))
         return [order] * len(rngs)
 
@@ -107,7 +133,7 @@ class Zigzag(BaseModel):
     heading_change_deg: float = Field(gt=0, le=90)
     start_s: float = Field(60.0, ge=0)
 
-    def helm(self, rngs: Sequence[np.random.Generator], duration: float) -> Ordered:
+    def helm(self, rngs: Sequence[np.random.Generator], leaving: Departure) -> Ordered:
         return zigzag(math.radians(self.rudder_deg), math.radians(self.heading_change_deg), self.start_s)
 
 
@@ -119,7 +145,7 @@ class WilliamsonTurn(BaseModel):
     rudder_deg: float
     start_s: float = Field(60.0, ge=0)
 
-    def helm(self, rngs: Sequence[np.random.Generator], duration: float) -> Ordered:
+    def helm(self, rngs: Sequence[np.random.Generator], leaving: Departure) -> Ordered:
         return williamson_turn(math.radians(self.rudder_deg), self.start_s)
 
 
@@ -132,8 +158,8 @@ class RandomOrders(BaseModel):
     step_deg: float = Field(5.0, gt=0)
     hold_s: Hold = (60.0, 240.0)
 
-    def helm(self, rngs: Sequence[np.random.Generator], duration: float) -> Ordered:
-        return [random_orders(rng, duration, self.rudder_deg, self.step_deg, self.hold_s) for rng in rngs]
+    def helm(self, rngs: Sequence[np.random.Generator], leaving: Departure) -> Ordered:
+        return [random_orders(rng, leaving.duration, self.rudder_deg, self.step_deg, self.hold_s) for rng in rngs]
 
 
 class Prescribed(BaseModel):
@@ -148,7 +174,7 @@ class Prescribed(BaseModel):
         """The largest order [deg]."""
         return max((order for _, order in self.orders_deg), key=abs)
 
-    def helm(self, rngs: Sequence[np.random.Generator], duration: float) -> Ordered:
+    def helm(self, rngs: Sequence[np.random.Generator], leaving: Departure) -> Ordered:
         return [_orders(self.orders_deg, math.radians(1.0))] * len(rngs)
 
 
@@ -161,13 +187,8 @@ class Course(BaseModel):
     gain: float = Field(1.5, gt=0)
     lead_s: float = Field(15.0, ge=0)
 
-    def helm(self, rngs: Sequence[np.random.Generator], duration: float) -> Ordered:
+    def helm(self, rngs: Sequence[np.random.Generator], leaving: Departure) -> Ordered:
         return steady_heading(self.gain, self.lead_s, math.radians(self.rudder_deg))
-
-
-Manoeuvre = Annotated[
-    Straight | TurningCircle | Zigzag | WilliamsonTurn | RandomOrders | Prescribed | Course, Field(discriminator="kind")
-]
 
 
 class PrescribedEngine(BaseModel):

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pandas as pd
@@ -14,7 +15,20 @@ from aspnn.config import read_toml
 from aspnn.frames import Zone, convergence, to_grid
 from aspnn.records import Log, write_log, write_table
 from aspnn.schema import InputError
-from aspnn.simulation.plan import STRICT, Engine, Manoeuvre, Start
+from aspnn.simulation.plan import (
+    STRICT,
+    Course,
+    Departure,
+    Engine,
+    Prescribed,
+    RandomOrders,
+    Start,
+    Straight,
+    TurningCircle,
+    WilliamsonTurn,
+    Zigzag,
+)
+from aspnn.simulation.routes import Courses, RandomRoute, Steersman, Waypoints
 from aspnn.simulation.sensing.sensors import Sensors, measure
 from aspnn.simulation.ship import ASTERN, BACKING, DRIFT, SLOW, YAW, Ship
 from aspnn.simulation.voyage import Voyage, simulate
@@ -23,6 +37,19 @@ from aspnn.vessel import load_vessel
 
 START = "2025-06-01T00:00:00Z"  # a fixed instant: the same scenario gives the same file
 BATCH, STEPS = 50, 500_000  # voyages integrated at once, and steps of all of them; more would only take memory
+Manoeuvre = Annotated[
+    Straight
+    | TurningCircle
+    | Zigzag
+    | WilliamsonTurn
+    | RandomOrders
+    | Prescribed
+    | Course
+    | Waypoints
+    | RandomRoute
+    | Courses,
+    Field(discriminator="kind"),
+]
 
 
 class Scenario(BaseModel):
@@ -105,20 +132,29 @@ def _batch(scenario, vessel, ship, numbers, seed) -> Iterator[tuple[Log, pd.Data
     gamma = float(convergence(*place, zone))
     ranges = (start.speed_kn, start.heading_deg, *weather.ranges)
     drawn = np.array([[rng.uniform(*pair) for pair in ranges] for rng in plans])
-    helm = scenario.manoeuvre.helm(plans, scenario.duration_s)
+    heading = compass(np.radians(drawn[:, 1]) - gamma)
+    speeds = start.speed_kn[0] * KNOT, start.speed_kn[1] * KNOT
+    leaving = Departure(
+        ship, zone, float(north), float(east), heading, gamma, speeds, scenario.duration_s, scenario.step_s
+    )
+    try:
+        helm = scenario.manoeuvre.helm(plans, leaving)
+    except InputError as error:
+        raise InputError(f"scenario {scenario.name}: {error}") from None
     shaft, pitch = scenario.engine.levers(plans, scenario.duration_s) if scenario.engine else (None, None)
     steps = round(scenario.duration_s / scenario.step_s)
     runs = simulate(
         ship,
         helm,
-        ship.start(north, east, compass(np.radians(drawn[:, 1]) - gamma), drawn[:, 0] * KNOT),
+        ship.start(north, east, heading, drawn[:, 0] * KNOT),
         scenario.duration_s,
         shaft,
         pitch,
         weather.draw(drawn[:, 2:], gamma, (float(north), float(east)), seas, scenario.step_s, steps),
         scenario.step_s,
     )
-    for number, run, noise in zip(numbers, runs, noises, strict=True):
+    steered = helm.notes() if isinstance(helm, Steersman) else [{}] * len(numbers)
+    for number, run, noise, told in zip(numbers, runs, noises, steered, strict=True):
         table, truth = measure(run, vessel, zone, scenario.sensors, noise), run.truth()
         truth = truth[truth["time_s"].isin(table["time_s"])].reset_index(drop=True)
         if "out_of_domain" in truth:
@@ -130,7 +166,7 @@ def _batch(scenario, vessel, ship, numbers, seed) -> Iterator[tuple[Log, pd.Data
             start=START,
             source=f"simulated by aspnn {__version__}, scenario {scenario.name}, seed {own}, voyage {number}",
             voyage=voyage_name(scenario, number, own),
-            notes=_outside(run),
+            notes=_outside(run) | told,
         )
         yield log, truth
 

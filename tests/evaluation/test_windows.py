@@ -1,9 +1,11 @@
 """Oracle: groups counted by hand on constructed orders, with the boundary cases of architecture.md."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from aspnn.evaluation.windows import MODEL_SHIP, NEW, SHIP, STEADY, WITHIN, Rule, find_starts
+from aspnn.evaluation.windows import GROUPS, MODEL_SHIP, NEW, SHIP, STEADY, STEERED, WITHIN, Rule, find_starts
 from aspnn.orders import Orders
 from aspnn.records import States
 from aspnn.vessel import load_vessel
@@ -95,3 +97,19 @@ def test_model_ships_have_their_own_rule():
     starts, _ = found(states_of([0, 60, 130, 142.5], [0, 10, -10, 5], 172.5), MODEL_SHIP)
     assert [s for s in starts if s[1] != STEADY] == [(60, NEW), (130, WITHIN), (142.5, NEW)]
     assert [s[0] for s in starts if s[1] == STEADY] == [20, 70, 85, 100]
+
+
+def test_steered_starts_are_there_whatever_is_ordered_and_only_where_asked():
+    """Oracle: by hand. A rudder that moves every half second, as under an autopilot: no other group finds a start; the others' stay."""
+    time = np.arange(0.0, 400.0, 0.5)
+    swinging = states_of(time, 12 * np.sin(time / 9), 400.0)
+    assert found(swinging)[0] == []
+    rule = replace(SHIP, steered_every=50.0)
+    starts, told = found(swinging, rule)
+    assert starts == [(120.0 + 50 * k, STEERED) for k in range(4)]  # the last 90 s before the end at 400 s
+    plan = told.plans[1].rudder
+    np.testing.assert_allclose(plan.at(30.0), np.radians(12 * np.sin(200 / 9)), atol=1e-12)  # what was ordered then
+    held = states_of([0, 200], [0, 10], 400.0)
+    others = [start for start in found(held, rule)[0] if start[1] != STEERED]
+    assert others == found(held)[0] and len(found(held, rule)[0]) == len(others) + 4
+    assert (SHIP.groups, rule.groups, rule.shown[-1]) == (GROUPS, (*GROUPS, STEERED), STEERED)

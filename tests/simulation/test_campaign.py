@@ -319,13 +319,14 @@ def test_missing_dask_is_said(trip, go, monkeypatch):
         go(trip(), "out", scheduler="local")
 
 
-def test_dask_makes_the_same_files(trip, go):
+def test_dask_makes_the_same_files(trip, go, monkeypatch):
     """Oracle: the files that this process makes, byte by byte; and one line where no scheduler answers."""
     distributed = pytest.importorskip("distributed")
     one = go(trip(), "one")
     assert go(trip(), "local", workers=2, scheduler="local") == one
     with distributed.LocalCluster(1, threads_per_worker=1, dashboard_address=None) as cluster:
         assert go(trip(), "remote", workers=None, scheduler=cluster.scheduler_address) == one
+    monkeypatch.setattr(campaign, "CONNECT", 2)
     with (
         pytest.raises(InputError, match="no Dask scheduler with workers answers there"),
         contextlib.suppress(TimeoutError),

@@ -7,6 +7,7 @@ import pytest
 from numba import njit
 from scipy.optimize import root
 
+from aspnn.guidance.allocation import allocate
 from aspnn.guidance.helms import (
     DOWN,
     HEAVE,
@@ -23,7 +24,7 @@ from aspnn.guidance.helms import (
 )
 from aspnn.schema import InputError
 from aspnn.simulation.ships.dynamics import accelerations
-from aspnn.simulation.ships.otter import Otter, allocate, propelled
+from aspnn.simulation.ships.otter import Otter, propelled
 from aspnn.vessel import from_dict, load_vessel
 
 NU = [SURGE, SWAY, HEAVE, ROLL_RATE, PITCH_RATE, YAW_RATE]

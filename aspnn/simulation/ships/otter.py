@@ -8,7 +8,7 @@ into the equilibrium alone; a payload force that pitches with the boat would pus
 
 Levers: SHAFT [rev/s] is the mean propeller speed, and asks for the surge force of both propellers at it. RUDDER [rad], the
 steering lever, asks for a yaw moment in proportion; full lever is the largest moment that needs no surge force, one
-propeller at full astern and the other as strong ahead. `allocate` shares both out. The propellers' own lag, 0.1 s, is that of the
+propeller at full astern and the other as strong ahead. `guidance.allocation` shares both out. The propellers' own lag, 0.1 s, is that of the
 integrator's shaft servo (section `engine`).
 """
 
@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from aspnn.guidance.allocation import share, speed_for, thrust_at
 from aspnn.guidance.helms import HEAVE, PITCH_RATE, RUDDER, SHAFT, SURGE, SWAY, YAW_RATE
 from aspnn.schema import InputError
 from aspnn.simulation.environment.waves import Box
@@ -109,7 +110,7 @@ class Otter(NamedTuple):
                 f"the Otter cannot hold {speed:g} m/s: it runs {2 * self.ahead / self.D11:.4g} m/s ahead,"
                 f" {2 * self.astern / self.D11:.4g} m/s astern"
             )
-        return _speed_for(self, thrust) / (2 * math.pi), math.nan
+        return speed_for(self, thrust) / (2 * math.pi), math.nan
 
 
 BOUNDS = {
@@ -150,39 +151,6 @@ BOUNDS = {
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _thrust_at(p, n):
-    thrust = (p.k_pos if n > 0 else p.k_neg) * n * abs(n)
-    return min(max(thrust, -p.astern), p.ahead)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _speed_for(p, thrust):
-    return math.copysign(math.sqrt(abs(thrust) / (p.k_pos if thrust > 0 else p.k_neg)), thrust)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _share(p, surge_force, yaw_moment):
-    """Thrusts [N] of the port and the starboard propeller; see `allocate`."""
-    most = p.ahead + p.astern
-    difference = min(max(yaw_moment / p.arm, -most), most)
-    spare = 0.5 * abs(difference)
-    mean = min(max(0.5 * surge_force, spare - p.astern), p.ahead - spare)
-    return mean + 0.5 * difference, mean - 0.5 * difference
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def allocate(model, surge_force, yaw_moment):
-    """Propeller speeds (port, starboard) [rad/s] that give a surge force [N] and a yaw moment [N m].
-
-    Paper 001 (60)-(63): T_port + T_starboard = X, arm (T_port - T_starboard) = N, n = sgn(T) sqrt(|T| / k), with the k of the
-    thrust's own direction (the paper uses that ahead for both, so that its reversing propeller gives 58 % of what was
-    asked). When the propellers saturate steering wins: the moment is held, and the surge force is the nearest that leaves it.
-    """
-    port, starboard = _share(model, surge_force, yaw_moment)
-    return _speed_for(model, port), _speed_for(model, starboard)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _pushed(p, x, port, starboard, load, out):
     """Velocity derivatives under the two thrusts [N], drag, cross-flow and the external `load` (6)."""
     u, v, w, q, r = x[SURGE], x[SWAY], x[HEAVE], x[PITCH_RATE], x[YAW_RATE]
@@ -199,13 +167,13 @@ def _pushed(p, x, port, starboard, load, out):
 @njit(cache=True, nogil=True, error_model="numpy")
 def propelled(model, x, n_port, n_starboard, load, out):
     """As `accelerations`, with the propellers at `n_port` and `n_starboard` [rad/s] whatever the levers in x say."""
-    _pushed(model, x, _thrust_at(model, n_port), _thrust_at(model, n_starboard), load, out)
+    _pushed(model, x, thrust_at(model, n_port), thrust_at(model, n_starboard), load, out)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _accelerations(p, x, load, out):
     """out[3:6], out[12:15] <- velocity derivatives of the state row x at its levers, under the external `load` (6)."""
-    port, starboard = _share(p, 2 * _thrust_at(p, 2 * math.pi * x[SHAFT]), p.moment * x[RUDDER])
+    port, starboard = share(p, 2 * thrust_at(p, 2 * math.pi * x[SHAFT]), p.moment * x[RUDDER])
     _pushed(p, x, port, starboard, load, out)
 
 
