@@ -36,6 +36,7 @@ FOLDER = Path(__file__).parent / "vessels"
 KEYS = (
     "name",
     "title",
+    "loading_of",
     "dimensions",
     "stations_m",
     "rudder",
@@ -47,6 +48,7 @@ KEYS = (
     "spatial",
     "sources",
 )
+TEXTS = ("name", "title", "loading_of")
 SIMULATOR = ("mmg", "mariner", "otter", "trimaran", "workboat", "propeller", "engine", "pitch", "wind", "domain")
 
 
@@ -57,7 +59,8 @@ class Vessel:
     `stations` maps a name (`bow`, `stern`, `imu`, antennas) to (x forward, y starboard), `heights` some of them to their
     height above the waterline at rest (0 where none is told). `sway_stations` are the two
     places whose sway is predicted. `simulator` holds the raw parameter sets that `simulation` reads, by section (SIMULATOR).
-    `steering_delay` [s] and `dead_band` [rad] are those of the rudder's servo.
+    `steering_delay` [s] and `dead_band` [rad] are those of the rudder's servo. `loading_of` names the ship, where the file is of
+    another loading of it.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Vessel:
     mounting: Mounting = field(default_factory=Mounting)
     spatial: Spatial = field(default_factory=Spatial)
     title: str = ""
+    loading_of: str = ""
     heights: dict[str, float] = field(default_factory=dict)
     steering_delay: float = 0.0
     dead_band: float = 0.0
@@ -86,6 +90,11 @@ class Vessel:
     def label(self) -> str:
         """What a message calls it: its file, or the name of a packaged vessel."""
         return self.file or f"vessel {self.name}"
+
+    @property
+    def ship(self) -> str:
+        """The name of the ship, the same in every loading."""
+        return self.loading_of or self.name
 
     @property
     def sway_stations(self) -> tuple[float, float]:
@@ -126,6 +135,8 @@ class Vessel:
             **noise_data(self.noise),
             "sources": dict(self.sources),
         }
+        if self.loading_of:
+            data["loading_of"] = self.loading_of
         if self.steering_delay:
             data["rudder"]["delay_s"] = self.steering_delay
         if self.dead_band:
@@ -166,7 +177,7 @@ def from_dict(data: dict[str, Any], where: str = "vessel") -> Vessel:
         if key not in (*KEYS, *SIMULATOR):
             near = get_close_matches(key, (*KEYS, *SIMULATOR), 1)
             raise InputError(f"{where}: key {key} is not known{f', did you mean {near[0]}?' if near else ''}")
-        if key not in ("name", "title") and not isinstance(data[key], dict):
+        if key not in TEXTS and not isinstance(data[key], dict):
             raise InputError(f"{where}: {key} must be an object of named values")
     if "name" not in data:
         raise InputError(f"{where}: key name is missing")
@@ -194,6 +205,7 @@ def from_dict(data: dict[str, Any], where: str = "vessel") -> Vessel:
     return Vessel(
         name=str(data["name"]),
         title=str(data.get("title", "")),
+        loading_of=str(data.get("loading_of", "")),
         length=length,
         beam=number("dimensions", "beam_m"),
         draught=number("dimensions", "draught_m"),

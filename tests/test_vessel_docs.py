@@ -9,7 +9,7 @@ import pytest
 from aspnn.instruments import CALIBRATION_KEYS, NOISE_KEYS
 from aspnn.schema import InputError
 from aspnn.simulation.ship import MODELS, Ship
-from aspnn.vessel import FOLDER, KEYS, SIMULATOR, from_dict, load_vessel, vessels
+from aspnn.vessel import FOLDER, KEYS, SIMULATOR, TEXTS, from_dict, load_vessel, vessels
 
 PAGE = (FOLDER / "README.md").read_text()
 ISHERWOOD = ("A_SS", "S", "C", "M")
@@ -52,8 +52,8 @@ def test_every_section_and_key_is_there():
     """Held to vessel.KEYS, SIMULATOR, NOISE_KEYS and CALIBRATION_KEYS, and to what `to_dict` writes."""
     headings = re.findall(r"^### (.+)$", PAGE, re.MULTILINE)
     sections = [name for heading in headings for name in heading.split(", ")]
-    assert set(sections) == {*KEYS, *SIMULATOR} - {"name", "title"}
-    assert {"`name`", "`title`"} <= set(re.findall(r"`\w+`", PAGE))
+    assert set(sections) == {*KEYS, *SIMULATOR} - set(TEXTS)
+    assert {f"`{key}`" for key in TEXTS} <= set(re.findall(r"`\w+`", PAGE))
     noise = {key for keys in NOISE_KEYS.values() for key in keys}
     assert set(documented("sensors")) == noise
     assert set(documented("calibration")) == set(CALIBRATION_KEYS)
@@ -123,7 +123,7 @@ def test_packaged_vessels_are_listed():
 def test_every_section_of_numbers_has_a_source(name):
     """House rule: where the numbers of each section come from is told, section by section."""
     data = json.loads((FOLDER / f"{name}.json").read_text())
-    for section in set(data) - {"name", "title", "sources"}:
+    for section in set(data) - {*TEXTS, "sources"}:
         assert any(key.split(".")[0] == section and text.strip() for key, text in data["sources"].items()), section
     for key in data["sources"]:
         assert key.split(".")[0] in data, key

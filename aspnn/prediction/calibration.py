@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from aspnn.prediction.uncertainty import FULL, LEVELS, POPULATIONS, Calibration
+from aspnn.prediction.uncertainty import FULL, LEVELS, POPULATIONS, STEERED, Calibration
 from aspnn.schema import InputError
 
 ROUNDS = 10  # of reweighting
@@ -85,7 +85,7 @@ def with_factors(
     A population with too few windows for 95 % has none. Raises InputError when no population has enough.
     """
     places, headings, counts = {}, {}, {}
-    for name in POPULATIONS:
+    for name in (*POPULATIONS, *([STEERED] if STEERED in populations else [])):
         of = populations == name
         counts[name] = {"windows": int(of.sum()), "voyages": len(np.unique(voyages[of]))}
         factors = conformal(position[of])

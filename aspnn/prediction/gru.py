@@ -43,6 +43,11 @@ class GruPredictor:
         return self.bundle.name
 
     @property
+    def contract(self) -> Bundle:
+        """What the checkpoint says of its network."""
+        return self.bundle
+
+    @property
     def spec(self) -> WindowSpec:
         """What the network sees, and how far it predicts."""
         return self.bundle.spec

@@ -75,6 +75,11 @@ class OnnxPredictor:
         return self.deployed.name
 
     @property
+    def contract(self) -> Deployed:
+        """What the file says of its network."""
+        return self.deployed
+
+    @property
     def spec(self) -> WindowSpec:
         """What the network sees, and how far it predicts."""
         return self.deployed.spec

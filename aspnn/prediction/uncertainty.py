@@ -11,7 +11,7 @@ regions hold their share on voyages that taught the network nothing (split confo
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -26,8 +26,10 @@ from aspnn.records import States
 from aspnn.schema import InputError
 
 POPULATIONS = ("new_order", "orders_within_horizon", "steady")
+STEERED = "steered"  # one more, of calibrations that had voyages in a closed loop
 LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)
 FULL = LEVELS.index(0.95)  # the level that the covariance is scaled for
+MOVING = 3.0  # s between changes of the rudder order, at most, where a loop is closed round the ship
 ORDER_SIZE = math.radians(5)  # a smaller change of the rudder order does not part the populations
 WIDER = 2.0  # outside the domain the half axes are doubled (assumed: nothing was measured there)
 MARGIN = 0.05  # of the largest magnitude in training: so far beyond the extremes an input is not yet outside
@@ -188,11 +190,16 @@ def axes(path: Path) -> np.ndarray:
     return found
 
 
-def population(states: States, row: int, plan: Plan, horizon: float, settled: float) -> str:
+def population(
+    states: States, row: int, plan: Plan, horizon: float, settled: float, known: Collection[str] = ()
+) -> str:
     """The population of a prediction, from what is known at its start: orders of the last `settled` [s], and the plan.
 
-    With an order (of at least 5 deg) inside the horizon, else with one now or in the last `settled` seconds, else steady.
+    Where `steered` is among the populations `known`: a plan that moves the rudder every MOVING seconds or more often on average, as an
+    autopilot does. With an order (of at least 5 deg) inside the horizon, else with one now or in the last `settled` seconds, else steady.
     """
+    if STEERED in known and 0 < horizon <= MOVING * (len(plan.rudder.between(0.0, horizon).times) - 1):
+        return STEERED
     order = float(plan.rudder.at(0.0))
     time, past = states["time_s"], states["rudder_order_rad"]
     first = time.searchsorted(time[row] - settled - 1e-6)
@@ -245,7 +252,8 @@ def spread_of(
     square = np.full((len(rows), len(MARKS), 2), np.nan) if square is None else square
     wider = widening(square, c.usual, time)
     found = [
-        population(states, int(row), plan, float(time[-1]), c.settled) for row, plan in zip(rows, plans, strict=True)
+        population(states, int(row), plan, float(time[-1]), c.settled, c.position)
+        for row, plan in zip(rows, plans, strict=True)
     ]
     unknown = np.full((len(c.time), len(c.levels)), np.nan)
     names = sorted(set(found))  # the plans of a fan are mostly of one population

@@ -6,6 +6,7 @@ from aspnn.workflow.predicting import export_file, parse_plan, predict_file
 from aspnn.workflow.recording import describe, import_files
 from aspnn.workflow.shared import Watch, silent
 from aspnn.workflow.simulating import estimate_vessel, simulate_files, trial_files
+from aspnn.workflow.tracking import track_file
 from aspnn.workflow.training import flow_by, search_file, train, training_logs, window_files
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "silent",
     "simulate_files",
     "states_for",
+    "track_file",
     "train",
     "training_curves",
     "training_logs",

@@ -12,9 +12,11 @@ from aspnn import records
 from aspnn.angles import difference
 from aspnn.estimation import filter_log, smooth_log
 from aspnn.estimation.cascade import filter_file
+from aspnn.estimation.course import filter_course
 from aspnn.estimation.measurements import opening
 from aspnn.estimation.mounting import Alignment, align
 from aspnn.estimation.noise_file import with_noise_file, write_mounting_file, write_noise_file
+from aspnn.estimation.over_ground import filter_over_ground
 from aspnn.estimation.spatial import filter_spatial
 from aspnn.estimation.tuning import Tuning, tune
 from aspnn.frames import Zone, convergence
@@ -34,22 +36,38 @@ def filter_files(
     watch: Watch = silent,
     noise: str | Path | None = None,
     tell: Callable[[str], None] = lambda line: None,
+    *,
     spatial: bool = False,
+    course_only: bool = False,
+    over_ground: bool = False,
 ) -> list[Path]:
     """Filter logs into `out` as NAME.states.parquet (and, smoothed, NAME.smoothed.parquet). Returns the state files.
 
     `noise` is a noise file in place of the noise and the calibration of the logs' vessel. `tell` gets a line on each log that
     lies outside its UTM zone. Logs are filtered in blocks; smoothing has the whole of one in memory, and so has filtering in
-    three dimensions (`spatial`), which smooths nothing.
+    three dimensions (`spatial`), by positions alone (`course_only`) or with course and speed over ground (`over_ground`), which
+    exclude each other and smooth nothing.
     """
-    if spatial and smooth:
-        raise InputError("--smooth is of the planar filter; leave out --spatial or --smooth")
+    others = (
+        ("--spatial", spatial, filter_spatial),
+        ("--course-only", course_only, filter_course),
+        ("--over-ground", over_ground, filter_over_ground),
+    )
+    asked = [(option, by) for option, on, by in others if on]
+    if len(asked) > 1:
+        raise InputError(f"{asked[0][0]} and {asked[1][0]} are different filters; leave one of them out")
+    if smooth and asked:
+        raise InputError(f"--smooth is of the planar filter; leave out {asked[0][0]} or --smooth")
+    whole = asked[0][1] if asked else None
     files = records.log_files(logs)
     tuned = None if noise is None else partial(with_noise_file, path=noise)
     made = []
     for file in watch(files, "filtering", len(files)):
         made.append(Path(out) / f"{Path(file).stem}.states.parquet")
-        zone, place = (filter_spatial_file if spatial else filter_file)(file, made[-1], tuned)
+        if whole is None:
+            zone, place = filter_file(file, made[-1], tuned)
+        else:
+            zone, place = filter_whole_file(whole, file, made[-1], tuned)
         if zone is not None and abs(from_meridian(zone, place[1])) > ZONE:
             tell(f"{file}: lies outside its zone; {zone_line(zone, place)}")
         if smooth:
@@ -58,13 +76,13 @@ def filter_files(
     return made
 
 
-def filter_spatial_file(
-    log: str | Path, out: str | Path, tuned: Callable[[Vessel], Vessel] | None = None
+def filter_whole_file(
+    filtered: Callable[[Log], States], log: str | Path, out: str | Path, tuned: Callable[[Vessel], Vessel] | None = None
 ) -> tuple[Zone | None, np.ndarray]:
-    """Filter a log file in three dimensions into the state file `out`; as `filter_file` where not said."""
+    """Filter a log file at once into the state file `out`; as `filter_file` where not said."""
     read = records.read_log(log)
     read = read if tuned is None else replace(read, vessel=tuned(read.vessel))
-    records.write_states(filter_spatial(read), out)
+    records.write_states(filtered(read), out)
     middle = opening(replace(read, table=read.table.iloc[len(read) // 2 :])).place
     return read.zone, np.where(np.isnan(middle), opening(read).place, middle)
 
@@ -122,8 +140,10 @@ def tune_files(
 
 
 def states_for(log: Log, *specs: WindowSpec) -> States:
-    """The states of a log by the filter that networks with these specs learned from; in three dimensions if any did."""
-    return filter_spatial(log) if any(spec.spatial for spec in specs) else filter_log(log)
+    """The states of a log by the filter that networks with these specs learned from: in three dimensions, or by positions alone, if any did."""
+    if any(spec.spatial for spec in specs):
+        return filter_spatial(log)
+    return filter_course(log) if any(spec.course_only for spec in specs) else filter_log(log)
 
 
 def consistency_files(

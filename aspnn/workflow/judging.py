@@ -18,10 +18,12 @@ def calibrate_files(
     logs: Sequence[str | Path],
     out: str | Path | None = None,
     watch: Watch = silent,
+    steered: float | None = None,
 ):
     """Calibrate the regions of a checkpoint on logs, in place or in a copy (`out`); returns the Calibration.
 
-    The weights stay as they are. Raises InputError for voyages that trained it, and for too few.
+    The weights stay as they are. With `steered` [s] voyages in a closed loop among the logs, which have a start so often, calibrate a
+    population of their own. Raises InputError for voyages that trained it, and for too few.
     """
     from aspnn.evaluation.calibrate import calibrate
     from aspnn.evaluation.reference import Voyage
@@ -40,10 +42,17 @@ def calibrate_files(
             log = records.read_log(file)
             yield Voyage.of(log, states_for(log, bundle.spec), smooth_log)
 
-    found = calibrate(predictor, voyages(), Rule.of(bundle.vessel), [*taught(bundle), *chosen_on(bundle)])
+    rule = replace(Rule.of(bundle.vessel), steered_every=_positive(steered))
+    found = calibrate(predictor, voyages(), rule, [*taught(bundle), *chosen_on(bundle)])
     bundle = replace(bundle, calibration=found.to_dict())
     write_calibration(bundle, checkpoint, out or checkpoint, model_card(bundle))
     return found
+
+
+def _positive(steered: float | None) -> float | None:
+    if steered is not None and not steered > 0:
+        raise InputError(f"--steered {steered:g}: give the seconds between starts, above 0")
+    return steered
 
 
 def choose_files(
@@ -101,10 +110,14 @@ def evaluate_files(
     seed: int = 0,
     oracle: bool = True,
     watch: Watch = silent,
+    steered: float | None = None,
+    track: bool = False,
 ):
     """Evaluate checkpoints beside the three baselines and, where there is truth, the oracle, on the same windows.
 
-    A checkpoint with a choice has its network alone as a further predictor, NAME-network.
+    A checkpoint with a choice has its network alone as a further predictor, NAME-network. With `steered` [s] there is a start so often
+    too, whatever is ordered, as voyages under an autopilot need. With `track` each has itself beside it, corrected by what the
+    voyage tells of its ship, NAME-tracked.
 
     Writes the HTML report and metrics.json where named, and returns the Evaluation. Raises InputError.
     """
@@ -115,11 +128,12 @@ def evaluate_files(
     from aspnn.evaluation.windows import Rule
     from aspnn.prediction import baselines
     from aspnn.prediction.gru import GruPredictor
+    from aspnn.prediction.tracked import Tracked
 
     files = records.log_files(logs)
     learned = [GruPredictor.load(folder) for folder in checkpoints]
     vessel = learned[0].bundle.vessel if learned else records.read_log(files[0]).vessel
-    rule = Rule.of(vessel)
+    rule = replace(Rule.of(vessel), steered_every=_positive(steered))
     shortest = min(learned, key=lambda p: p.horizon, default=None)
     if shortest is not None:  # a boat's predictor does not reach as far as a model ship's
         rule = replace(rule, horizons=tuple(h for h in rule.horizons if h <= shortest.horizon + 1e-9))
@@ -137,7 +151,8 @@ def evaluate_files(
             yield Voyage.of(log, states_for(log, *(predictor.spec for predictor in learned)), smooth_log)
 
     networks = [p.alone for p in learned if p.choice is not None]
-    predictors: list[Predicts] = [*learned, *networks, *baselines(vessel, rule.horizon)]
+    followed = [Tracked(p) for p in learned] if track else []
+    predictors: list[Predicts] = [*learned, *followed, *networks, *baselines(vessel, rule.horizon)]
     result = evaluate(predictors, voyages(), rule, seed, Oracle.of if oracle else None)
     result = replace(result, warnings=tuple(line for p in learned for line in _leaks(p.bundle, names)))
     if metrics:

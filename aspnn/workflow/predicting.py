@@ -6,8 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from aspnn import records
+from aspnn.estimation import filter_log
+from aspnn.estimation.course import filter_course
+from aspnn.records import Log, States
 from aspnn.schema import InputError
+from aspnn.vessel import Vessel
 from aspnn.workflow.filtering import states_for
+
+KINEMATIC = ("caa_ctra", "caa_cmm", "constant")
 
 
 def predict_file(
@@ -23,15 +29,19 @@ def predict_file(
     swept: bool = False,
     soonest: bool = False,
     tell: Callable[[str], None] = lambda line: None,
+    track: bool = False,
 ) -> str:
     """The path predicted from `at` [s] of a log as text in `format` (json, geojson, csv). Raises InputError.
 
+    In place of a checkpoint the name of a kinematic predictor (caa_ctra, caa_cmm, constant) will do, which takes any vessel and
+    logs without heading.
     `fan` predicts many orders in place of one plan (FROM:TO:STEP in degrees), `clear` judges by what is to be cleared
     (LAT,LON@METRES or FILE.geojson@METRES) and has `tell` say which order does, with `soonest` the one that is past first;
-    `swept` adds the swept area.
+    `swept` adds the swept area. `track` corrects the network by what the log tells of the ship up to then (see prediction.tracking).
     """
     from aspnn.prediction import Predictor, writers
     from aspnn.prediction import fan as fans
+    from aspnn.prediction.tracked import Tracked
 
     if fan is not None and rudder is not None:
         raise InputError("--fan and --rudder exclude each other: a fan holds each of its orders; leave one of them out")
@@ -44,12 +54,25 @@ def predict_file(
     if swept and format == "csv":
         raise InputError("--swept has no form in csv; use --format json or geojson")
     orders = None if fan is None else fans.parse_fan(fan)
-    predictor = Predictor.load(checkpoint)
-    if region_map is not None:
-        predictor = replace(predictor, region_map=region_map)
-    if horizon is not None and horizon > predictor.horizon:
-        raise InputError(f"--horizon {horizon:g} s is beyond the {predictor.horizon:g} s of checkpoint {checkpoint}")
-    states = states_for(records.read_log(log), predictor.spec)
+    if kinematic(checkpoint):
+        if orders is not None or rudder is not None or region_map is not None or track:
+            raise InputError(
+                f"{checkpoint}: kinematics know of no rudder, no region map and no tracking; leave those options out"
+            )
+        read = records.read_log(log)
+        predictor = kinematic_predictor(str(checkpoint), read.vessel, horizon)
+        states = kinematic_states(read, tell)
+    else:
+        predictor = Predictor.load(checkpoint)
+        if region_map is not None:
+            predictor = replace(predictor, region_map=region_map)
+        if horizon is not None and horizon > predictor.horizon:
+            raise InputError(
+                f"--horizon {horizon:g} s is beyond the {predictor.horizon:g} s of checkpoint {checkpoint}"
+            )
+        if track:
+            predictor = Tracked(predictor)
+        states = states_for(records.read_log(log), predictor.spec)
     last = states["time_s"][-1]
     if not states["time_s"][0] <= at <= last:
         raise InputError(
@@ -75,6 +98,29 @@ def predict_file(
     if format == "geojson":
         return writers.to_geojson(path, now, predictor.name, swept=swept)
     return writers.to_json(path, now, predictor.name, swept)
+
+
+def kinematic(checkpoint: str | Path) -> bool:
+    """Whether this names a kinematic predictor, not a checkpoint."""
+    return str(checkpoint) in KINEMATIC and not Path(checkpoint).exists()
+
+
+def kinematic_predictor(name: str, vessel: Vessel, horizon: float | None):
+    """The kinematic predictor of that name for `horizon` [s]; 90 without one."""
+    from aspnn.prediction import KinematicPredictor, kinematic
+
+    return KinematicPredictor(vessel, getattr(kinematic, name), horizon or 90.0)
+
+
+def kinematic_states(log: Log, tell: Callable[[str], None]) -> States:
+    """The states of a log for kinematics: by the planar filter, or where it has no heading by the course filter, which is told."""
+    headings = log.table.get("heading_deg")
+    if headings is not None and headings.notna().any():
+        return filter_log(log)
+    tell(
+        f"{log.path or log.voyage}: has no heading; course and speed are those of its positions, and the bow may point elsewhere"
+    )
+    return filter_course(log)
 
 
 def parse_plan(text: str) -> list[tuple[float, float]]:

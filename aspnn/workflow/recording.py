@@ -23,15 +23,21 @@ def import_files(
     vessel: str | None = None,
     watch: Watch = silent,
     noise: str | Path | None = None,
+    mmsi: int | None = None,
 ) -> Iterator[tuple[Path, str]]:
     """Import recorded logs into `out`; each log's file and a line on what was dropped, gated or derived.
 
-    `noise` is a noise file; its noise and calibration become those of the logs' vessel, for all that comes later.
+    `mmsi` takes one ship alone of AIS reports. `noise` is a noise file; its noise and calibration become those of the logs'
+    vessel, for all that comes later.
     """
     from aspnn import logs
 
+    if mmsi is not None and format != "ais":
+        raise InputError(f"import {format}: --mmsi names a ship of AIS reports; leave it out")
     if format == "esso-osaka":
         found = logs.import_esso_osaka(sources)
+    elif format == "ais":
+        found = logs.import_ais(sources, vessel, mmsi)
     elif format == "n2k-yacht":
         found = logs.import_n2k_yacht(sources, map, vessel)
     elif map is None:

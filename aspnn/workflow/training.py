@@ -18,10 +18,11 @@ from aspnn.workflow.shared import Watch, silent
 def training_logs(training: Training, watch: Watch = silent) -> Iterator[Log]:
     """The logs of a training file, simulated or read, in a fixed order."""
     data = training.data
-    if data.scenario is not None:
-        scenario = read_scenario(training.folder / data.scenario)
+    for source in data.scenarios or (() if data.scenario is None else (data.scenario,)):
+        scenario = read_scenario(training.folder / source)
         count = data.voyages or scenario.voyages
-        yield from (log for log, _ in watch(simulate_scenario(scenario, count), "simulating", count))
+        yield from (log for log, _ in watch(simulate_scenario(scenario, count), f"simulating {scenario.name}", count))
+    if not data.logs:
         return
     sources = [
         training.folder / path  # an absolute one stays as it is

@@ -1,0 +1,5 @@
+"""`python -m aspnn.cli`."""
+
+from aspnn.cli import main
+
+main()
