@@ -10,14 +10,25 @@ import numpy as np
 from aspnn import __version__
 from aspnn.angles import difference
 from aspnn.evaluation.reference import Voyage
-from aspnn.evaluation.windows import Rule, find_starts
+from aspnn.evaluation.windows import Rule, Starts, find_starts
 from aspnn.learning.windows import WindowSpec
 from aspnn.motion import Path
 from aspnn.orders import Plan
 from aspnn.prediction.calibration import VOYAGES, fit_correlation, fit_variance, scores, with_factors
 from aspnn.prediction.monitor import MARKS, Ended, ended, marks, misfit, usual_fit, widening
 from aspnn.prediction.monitor import errors as monitor_errors
-from aspnn.prediction.uncertainty import FULL, LEVELS, MEASURED, Calibration, axes, drivers, population, shape
+from aspnn.prediction.uncertainty import (
+    FULL,
+    LEVELS,
+    MEASURED,
+    POPULATIONS,
+    STEERED,
+    Calibration,
+    axes,
+    drivers,
+    population,
+    shape,
+)
 from aspnn.records import States
 from aspnn.schema import InputError
 
@@ -74,12 +85,14 @@ class _Part:
 def calibrate(predictor: Carries, voyages: Iterable[Voyage], rule: Rule, taught: Iterable[str]) -> Calibration:
     """Calibrate the regions of a predictor on the windows of `voyages` by `rule`, which taught it nothing.
 
-    Every third voyage shapes the covariance, the others scale it (split conformal). Raises InputError for a voyage among
-    `taught`, for fewer than six voyages with windows, and when no population has enough windows.
+    Every third voyage shapes the covariance, the others scale it (split conformal). With `rule.steered_every` windows whose plan moves
+    the rudder all the time are a population of their own, which is scaled and shapes nothing: all others are as without them. Raises
+    InputError for a voyage among `taught`, for fewer than six voyages with windows, and when no population has enough windows.
     """
     horizon, taught = predictor.horizon, set(taught)
     knots = np.linspace(0.0, horizon, KNOTS + 1)
     parts: list[_Part] = []
+    steered: list[_Part] = []
     digest, kinds = hashlib.sha256(), set()
     seen: dict[str, int] = {}
     for voyage in voyages:
@@ -88,11 +101,13 @@ def calibrate(predictor: Carries, voyages: Iterable[Voyage], rule: Rule, taught:
             raise InputError(
                 f"{voyage.name or name}: voyage {name} trained checkpoint {predictor.name}; calibrate it on voyages it has not seen"
             )
-        part = _measure(predictor, voyage, replace(rule, horizons=(horizon,)), knots, seen.setdefault(name, len(seen)))
+        number = seen.setdefault(name, len(seen))
+        measured = _measure(predictor, voyage, replace(rule, horizons=(horizon,)), knots, number)
         digest.update(voyage.sha256.encode())
         kinds.add(voyage.reference.kind)
-        if part is not None:
-            parts.append(part)
+        for part, kept in zip(measured, (parts, steered), strict=True):
+            if part is not None:
+                kept.append(part)
     count = len({part.voyage for part in parts})
     if count < VOYAGES:
         raise InputError(
@@ -103,10 +118,10 @@ def calibrate(predictor: Carries, voyages: Iterable[Voyage], rule: Rule, taught:
     shaping = [part for part in parts if ranks[part.voyage] % SHAPING == 0]
     scaling = [part for part in parts if ranks[part.voyage] % SHAPING != 0]
     variance, correlation = _shaped(shaping)
-    measured = np.concatenate([part.measured for part in parts])
+    begun = np.concatenate([part.measured for part in parts])
     domain = {
         column: (float(values.min()), float(values.max()))
-        for column, values in zip(MEASURED, measured.T, strict=True)
+        for column, values in zip(MEASURED, begun.T, strict=True)
         if np.isfinite(values).all()
     }
     found = Calibration(
@@ -125,6 +140,7 @@ def calibrate(predictor: Carries, voyages: Iterable[Voyage], rule: Rule, taught:
     )
     usual, limit = usual_fit(np.concatenate([part.misfit(found) for part in shaping]))
     found = replace(found, usual=usual, limit=limit)
+    scaling += steered
     found_scores = [scores(part.errors, _covariance(found, part)) for part in scaling]
     position, heading = (np.concatenate(values) for values in zip(*found_scores, strict=True))
     populations = np.concatenate([part.populations for part in scaling])
@@ -139,11 +155,32 @@ def calibrate(predictor: Carries, voyages: Iterable[Voyage], rule: Rule, taught:
     return with_factors(found, position, heading, populations, of, facts)
 
 
-def _measure(predictor: Carries, voyage: Voyage, rule: Rule, knots: np.ndarray, number: int) -> _Part | None:
+def _measure(
+    predictor: Carries, voyage: Voyage, rule: Rule, knots: np.ndarray, number: int
+) -> tuple[_Part | None, _Part | None]:
+    """The windows of a voyage, and those in a closed loop apart."""
     states = voyage.states
     starts = find_starts(states, rule, voyage.shaft)
     starts = starts.keep(voyage.reference.known(states["time_s"][starts.rows], rule.horizon), "no reference")
-    rows, plans = starts.rows, starts.plans
+    known = (*POPULATIONS, STEERED) if rule.steered_every is not None else POPULATIONS
+    kinds = np.array(
+        [
+            population(states, int(row), plan, rule.horizon, rule.steady_before, known)
+            for row, plan in zip(starts.rows, starts.plans, strict=True)
+        ]
+    )
+    usual = (kinds != STEERED) & (
+        starts.groups != STEERED
+    )  # the group has starts at any time, the population none but its own
+    usual_starts, steered = (starts.keep(mask, "another population") for mask in (usual, kinds == STEERED))
+    given = predictor, voyage, rule, knots, number
+    return _part(*given, usual_starts, kinds[usual]), _part(*given, steered, kinds[kinds == STEERED])
+
+
+def _part(
+    predictor: Carries, voyage: Voyage, rule: Rule, knots: np.ndarray, number: int, starts: Starts, kinds: np.ndarray
+) -> _Part | None:
+    states, rows, plans = voyage.states, starts.rows, starts.plans
     if not len(rows):
         return None
     past, n = ended(states, rows, predictor.spec), len(rows)
@@ -153,16 +190,13 @@ def _measure(predictor: Carries, voyage: Voyage, rule: Rule, knots: np.ndarray, 
     both, carried = path.at(path.time[columns]), carried[:, columns]
     path, gone = both[:n], both[n:]
     errors = [path.north - truth.north, path.east - truth.east, difference(path.heading, truth.heading)]
-    kinds = [
-        population(states, int(r), plan, rule.horizon, rule.steady_before) for r, plan in zip(rows, plans, strict=True)
-    ]
     return _Part(
         path=path,
         carried=carried[:n],
         errors=np.stack(errors, axis=-1),
         plans=plans,
         angle=states["rudder_angle_rad"][rows],
-        populations=np.array(kinds),
+        populations=kinds,
         voyage=number,
         measured=np.stack([states[column][rows] for column in MEASURED], axis=-1),
         past=past,

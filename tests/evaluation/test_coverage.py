@@ -11,8 +11,9 @@ from aspnn.evaluation.calibrate import calibrate
 from aspnn.evaluation.coverage import coverage, share
 from aspnn.evaluation.evaluate import evaluate, metrics, table
 from aspnn.evaluation.report import write_report
-from aspnn.evaluation.windows import SHIP, STEADY
+from aspnn.evaluation.windows import SHIP, STEADY, STEERED
 from aspnn.learning.windows import WindowSpec
+from aspnn.orders import Orders
 from aspnn.prediction import constant
 from aspnn.prediction.monitor import ended, errors, marks, misfit
 from aspnn.prediction.uncertainty import Calibration, shape, spread_of
@@ -93,6 +94,34 @@ def test_calibrated_regions_hold_their_share(evaluation):
                 own = math.sqrt(level * (1 - level) / 150)
                 for part in (found.position, found.heading):
                     assert abs(part.value - level) < 1.5 * part.two_errors + 3 * own
+
+
+def autopilot(seed):
+    """A Nomoto ship whose rudder moves every half second."""
+    time = np.arange(0.0, 3600.0, 0.5)
+    swing = np.radians(8 * np.sin(time / 11 + seed))
+    return nomoto_voyage(seed, orders=Orders(time, swing), duration=3600.0)
+
+
+def test_voyages_in_a_closed_loop_are_a_population_of_their_own(made):
+    """Law: with them all other populations, and what shapes the regions, are as without. Statistic: on new voyages in a closed loop
+    regions then hold their share, within two clustered errors and the calibration's own.
+    """
+    voyages, blurred, alone = made
+    loops, new = ([autopilot(seed) for seed in seeds] for seeds in (range(200, 208), range(300, 306)))
+    both = replace(blurred, voyages={v.states.voyage: v for v in (*voyages, *loops, *new)})
+    rule = replace(SHIP, steered_every=60.0)
+    found = calibrate(both, [*voyages[:24], *loops], rule, [])
+    assert set(found.position) == {*alone.position, STEERED}
+    for name in alone.position:
+        np.testing.assert_array_equal(found.position[name], alone.position[name])
+    np.testing.assert_array_equal(found.variance, alone.variance)
+    np.testing.assert_array_equal(found.usual, alone.usual)
+    assert found.facts["populations"][STEERED] == {"windows": 8 * 57, "voyages": 8}
+    held = coverage(evaluate([replace(both, calibration=found)], new, rule), "blurred", STEERED, 90.0)
+    own = math.sqrt(0.95 * 0.05 / (8 * 57))
+    for part in (held.position, held.heading):
+        assert abs(part.value - 0.95) < 1.5 * part.two_errors + 3 * own
 
 
 def test_another_ship_is_noticed_and_its_regions_widen(made, evaluation):
