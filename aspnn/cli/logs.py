@@ -44,7 +44,10 @@ def simulate(
     if workers and scheduler not in (None, "local"):
         raise InputError(f"--workers is for this machine; the scheduler {scheduler} has workers of its own")
     try:
-        made = simulate_files(scenario, out, voyages, seed, silent if quiet else watch, workers, scheduler, nmea)
+        watched = silent if quiet else watch
+        made = simulate_files(
+            scenario, out, voyages, seed, watched, workers, scheduler, nmea, lambda line: say(quiet, line)
+        )
     except KeyboardInterrupt as stop:  # typer would end without a word
         sys.stderr.write(f"stopped: {stop}\n" if str(stop) else "stopped\n")
         raise typer.Exit(130) from None

@@ -1,6 +1,7 @@
 """Scenarios, trials and vessel files to disk."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 from aspnn import records
@@ -18,19 +19,26 @@ def simulate_files(
     workers: int | None = 1,
     scheduler: str | None = None,
     nmea: bool = False,
+    tell: Callable[[str], None] = lambda line: None,
 ) -> list[Path]:
     """Simulate a scenario into `out`: a log and its truth per voyage, and NAME.manifest.json. Returns the logs.
 
     A run that was stopped goes on. `workers` and `scheduler` as in simulation.campaign.run_campaign. With `nmea` each log has its
-    sentences beside it, in VOYAGE.nmea.
+    sentences beside it, in VOYAGE.nmea. `tell` gets a line on the voyages whose helm asked for what the ship could not follow.
     """
     from aspnn.logs.nmea_write import write_nmea
     from aspnn.simulation.campaign import run_campaign
 
-    made = run_campaign(read_scenario(scenario), out, voyages, seed, workers, scheduler, watch)
+    given = read_scenario(scenario)
+    made = run_campaign(given, out, voyages, seed, workers, scheduler, watch)
     if nmea:
         for path in watch(made, "writing sentences", len(made)):
             write_nmea(records.read_log(path), path.with_suffix(".nmea"))
+    if not hasattr(given.manoeuvre, "steering"):
+        return made
+    lost = [(path, note) for path in made if (note := records.read_blocks(path, 1)[0].notes.get("steering"))]
+    if lost:
+        tell(f"{lost[0][0]}: {lost[0][1]}{f' (and {len(lost) - 1} more voyages)' if len(lost) > 1 else ''}")
     return made
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from aspnn.frames import Zone, convergence, to_geodetic, to_grid
 from aspnn.guidance.helms import zigzag
+from aspnn.records import read_log
 from aspnn.schema import InputError
 from aspnn.simulation import Scenario, scenario, simulate_scenario
 from aspnn.simulation.nomoto import nomoto
@@ -16,6 +17,7 @@ from aspnn.simulation.ship import Ship
 from aspnn.simulation.steering import Gnss, answer
 from aspnn.simulation.voyage import simulate
 from aspnn.vessel import load_vessel
+from aspnn.workflow import simulate_files
 
 ZONE = Zone.parse("32N")
 PLACE = 63.44, 10.4
@@ -119,6 +121,37 @@ def test_a_reference_that_she_cannot_follow_is_noted():
     told = [float(word) for word in log.notes["rudder_saturated"].replace(",", "").split() if word.isdigit()]
     assert told == pytest.approx([limit.sum() * 0.1, spells.max()], abs=1.0)
     assert "cannot follow the reference: rudder at 2 degrees" in log.notes["steering"]
+
+
+def test_simulating_says_which_voyages_cannot_follow(tmp_path):
+    """Oracle: the notes of the logs; one line for both voyages, none for the ship that can."""
+    text = """
+vessel = "otter"
+voyages = 2
+duration_s = 40
+[start]
+speed_kn = 2.5
+latitude_deg = 63.44
+longitude_deg = 10.4
+zone = "32N"
+heading_deg = 0
+[manoeuvre]
+kind = "waypoints"
+points_m = [[0, 0], [15, 0], [15, 60]]
+[manoeuvre.steering]
+every_s = 0.2
+rudder_deg = RUDDER
+"""
+    said = {}
+    for rudder in ("2", "35"):
+        path = tmp_path / f"limit-{rudder}.toml"
+        path.write_text(text.replace("RUDDER", rudder))
+        lines: list[str] = []
+        made = simulate_files(path, tmp_path / rudder, tell=lines.append)
+        said[rudder] = lines, [read_log(file).notes.get("steering") for file in made]
+    (line,), notes = said["2"]
+    assert notes[0] in line and line.endswith("(and 1 more voyages)") and all(notes)
+    assert said["35"] == ([], [None, None])
     strong, _ = next(simulate_scenario(trip(followed({}))))
     assert "steering" not in strong.notes
 
