@@ -40,10 +40,9 @@ def say(quiet: bool, text: Any) -> None:
     if not quiet:
         from rich.console import Console
 
-        # A pipe has no width: tables must not be cut there.
-        Console(width=None if sys.stdout.isatty() else 140, highlight=False, soft_wrap=isinstance(text, str)).print(
-            text
-        )
+        # A pipe has no width: tables must not be cut there. Units in brackets are no markup; a table's is its maker's.
+        line, width = isinstance(text, str), None if sys.stdout.isatty() else 140
+        Console(width=width, highlight=False, markup=not line, soft_wrap=line).print(text)
 
 
 def guarded(run: Callable[[], Any]) -> None:
