@@ -20,7 +20,7 @@ def fresh(windows, seed=5) -> RolloutGru:
     torch.manual_seed(seed)
     spec = windows.spec
     network = RolloutGru(RolloutSizes(len(spec.inputs), 1, (0, 1, 2), 35.0, -35.0, spec.period, latent=12))
-    arrays = {name: torch.from_numpy(getattr(windows, name)) for name in ("history", "forcing", "target")}
+    arrays = {name: torch.from_numpy(np.array(getattr(windows, name))) for name in ("history", "forcing", "target")}
     network.history.set(*flat_range(arrays["history"], 2.0))
     network.forcing.set(*flat_range(arrays["forcing"], 2.0))
     network.motion.set(*flat_range(network.to_motion(arrays["target"]), 2.0))

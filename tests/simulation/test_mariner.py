@@ -230,14 +230,14 @@ def test_sway_and_yaw_stay_damped_outside_the_domain(speed):
     assert (force(r=1e-4) - force(r=-1e-4))[1] < -1e-9
 
 
-def test_random_orders_for_a_hundred_hours_stay_bounded():
-    """Law: 100 h of random rudder and engine orders, from rest: no reversal, no spin, speed within the engine's."""
+def test_random_orders_for_thirty_hours_stay_bounded():
+    """Law: 30 h of random rudder and engine orders, from rest (training/reproduce/campaign.py does 100 h): no reversal, no spin, speed within the engine's."""
     rng = np.random.default_rng(11)
     dt, hold = 1.0, 120
-    orders = np.repeat(np.radians(rng.integers(-8, 9, 3000) * 5.0), hold)
-    shafts = np.repeat(rng.uniform(0.7, 1.54, 750), 4 * hold)
+    orders = np.repeat(np.radians(rng.integers(-8, 9, 900) * 5.0), hold)
+    shafts = np.repeat(rng.uniform(0.7, 1.54, 225), 4 * hold)
     path = wander(SHIP, orders, shafts, dt, np.zeros(3))
-    assert len(path) * dt == 100 * 3600
+    assert len(path) * dt == 30 * 3600
     moving = path[1200:]
     assert np.isfinite(path).all()
     assert moving[:, 0].min() > 0.3 * SHIP.U0

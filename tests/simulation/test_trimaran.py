@@ -102,14 +102,14 @@ def test_energy_falls_by_what_the_damping_takes():
         assert power == pytest.approx(-(70 * u * u + 100 * v * v + 50 * r * r), rel=1e-10)
 
 
-def test_random_levers_for_a_hundred_hours_stay_bounded():
-    """Law: by the energy above |velocities| stay below what full levers hold against the damping, 100 h of random orders."""
+def test_random_levers_for_thirty_hours_stay_bounded():
+    """Law: by the energy above |velocities| stay below what full levers hold against the damping, 30 h of random orders."""
     rng = np.random.default_rng(2)
     dt, hold = 0.2, 300
-    orders = np.repeat(np.radians(rng.integers(-7, 8, 6000) * 5.0), hold)
-    shafts = np.repeat(rng.uniform(-1.4, 2.4, 6000), hold)
+    orders = np.repeat(np.radians(rng.integers(-7, 8, 1800) * 5.0), hold)
+    shafts = np.repeat(rng.uniform(-1.4, 2.4, 1800), hold)
     path = wander(BOAT, orders, shafts, dt, np.zeros(3))
-    assert len(path) * dt == pytest.approx(100 * 3600)
+    assert len(path) * dt == pytest.approx(30 * 3600)
     energy = path**2 @ [100.0, 125.0, 40.0]
     u, r = 84.0 / 70.0, 20.0 / 50.0  # the most each lever can hold alone
     assert energy.max() < 100 * u**2 + 125 * u**2 + 40 * r**2
