@@ -231,7 +231,10 @@ def test_sway_and_yaw_stay_damped_outside_the_domain(speed):
 
 
 def test_random_orders_for_thirty_hours_stay_bounded():
-    """Law: 30 h of random rudder and engine orders, from rest (training/reproduce/campaign.py does 100 h): no reversal, no spin, speed within the engine's."""
+    """Law: 30 h of random rudder and engine orders, from rest: no reversal, no spin, speed within the engine's.
+
+    training/reproduce/campaign.py does 100 h.
+    """
     rng = np.random.default_rng(11)
     dt, hold = 1.0, 120
     orders = np.repeat(np.radians(rng.integers(-8, 9, 900) * 5.0), hold)
