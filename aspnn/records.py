@@ -67,6 +67,11 @@ class States:
     path: str = ""
     columns: dict[str, np.ndarray] | None = field(default=None, init=False, repr=False, compare=False)  # see `read`
 
+    @staticmethod
+    def of(log: Log, table: pd.DataFrame, smoothed: bool = False) -> "States":
+        """The states that a filter made of a log: all but the table is the log's."""
+        return States(table, log.vessel, log.zone, log.start, log.source, log.voyage, smoothed, log.path)
+
     def __len__(self) -> int:
         return len(self.table)
 

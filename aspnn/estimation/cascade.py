@@ -98,7 +98,7 @@ def filter_log(log: Log, engine=compiled, rows: int = BLOCK) -> States:
     begin = opening(log)
     check_opening(log, begin)
     blocks = (log.table.iloc[start : start + rows] for start in range(0, len(log), rows))
-    return _states(log, pd.concat(filter_blocks(log, begin, blocks, engine), ignore_index=True), smoothed=False)
+    return States.of(log, pd.concat(filter_blocks(log, begin, blocks, engine), ignore_index=True))
 
 
 def filter_file(
@@ -123,7 +123,7 @@ def filter_file(
         seen += len(block)
     assert begin is not None  # a log without rows has been refused
     check_opening(head, begin)
-    records.write_state_blocks(_states(head, head.table, smoothed=False), filter_blocks(head, begin, blocks()), out)
+    records.write_state_blocks(States.of(head, head.table), filter_blocks(head, begin, blocks()), out)
     return head.zone, np.where(np.isnan(place), begin.place, place)
 
 
@@ -141,17 +141,4 @@ def smooth_log(log: Log, engine=compiled) -> States:
     motion = motion_problem(m, vessel.noise, heading[0], heading[1], size[0], size[1])
     moving = engine.run(motion)
     held = Held.before(opening(log), float(m.time[0]))
-    return _states(log, table(log, m, heading, engine.smooth(motion, moving), moving, None, held)[0], smoothed=True)
-
-
-def _states(log: Log, table, smoothed: bool) -> States:
-    return States(
-        table=table,
-        vessel=log.vessel,
-        zone=log.zone,
-        start=log.start,
-        source=log.source,
-        voyage=log.voyage,
-        smoothed=smoothed,
-        path=log.path,
-    )
+    return States.of(log, table(log, m, heading, engine.smooth(motion, moving), moving, None, held)[0], smoothed=True)

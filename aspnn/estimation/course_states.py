@@ -59,15 +59,7 @@ def filter_course(log: Log, model: CourseModel | None = None, engine: Engine = c
     sd = log.vessel.noise.position
     run = engine(problem_of(m.time, fixes, sd, model))
     usual = float(np.median(np.diff(m.time[known])))
-    return States(
-        table=_table(log, begin, m, antenna, model, run, usual),
-        vessel=log.vessel,
-        zone=log.zone,
-        start=log.start,
-        source=log.source,
-        voyage=log.voyage,
-        path=log.path,
-    )
+    return States.of(log, _table(log, begin, m, antenna, model, run, usual))
 
 
 def _table(log: Log, begin: Opening, m: Measurements, antenna: str, model: CourseModel, run: CourseRun, usual: float):

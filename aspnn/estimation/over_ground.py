@@ -50,15 +50,7 @@ def filter_over_ground(log: Log, delay: float = 0.0, deviation: float = DEVIATIO
     moving = engine.run(problem)
     held = Held.before(begin, float(m.time[0]))
     heading, path = (turning.mean, turning.covariance), (moving.mean, moving.covariance)
-    return States(
-        table=table(log, m, heading, path, moving, turning, held)[0],
-        vessel=vessel,
-        zone=log.zone,
-        start=log.start,
-        source=log.source,
-        voyage=log.voyage,
-        path=log.path,
-    )
+    return States.of(log, table(log, m, heading, path, moving, turning, held)[0])
 
 
 def velocity(log: Log, m: Measurements) -> np.ndarray:

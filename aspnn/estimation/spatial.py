@@ -99,15 +99,7 @@ def filter_spatial(log: Log, solve: Callable[[Log], Solution] | None = None) -> 
         rates = [f"imu_rate_{axis}_deg_s" for axis in "xyz"] + [f"imu_force_{axis}_m_s2" for axis in "xyz"]
         complete = all(name in log.table and log.table[name].notna().any() for name in rates)
         solve = solve_error_state if complete else solve_position_velocity
-    return States(
-        table=_table(log, solve(log)),
-        vessel=log.vessel,
-        zone=log.zone,
-        start=log.start,
-        source=log.source,
-        voyage=log.voyage,
-        path=log.path,
-    )
+    return States.of(log, _table(log, solve(log)))
 
 
 @dataclass(frozen=True)
