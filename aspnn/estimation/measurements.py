@@ -13,6 +13,7 @@ import pandas as pd
 
 from aspnn import schema
 from aspnn.estimation import screening
+from aspnn.estimation.rows import Rows, picked, stacked
 from aspnn.frames import Zone, convergence, to_grid
 from aspnn.instruments import Calibration
 from aspnn.records import Log
@@ -77,7 +78,7 @@ class Past:
     the last of them and its convergence.
     """
 
-    rows: pd.DataFrame
+    rows: pd.DataFrame | Rows
     shown: dict[str, tuple[int, ...]]
     place: np.ndarray
     settled: np.ndarray
@@ -90,7 +91,7 @@ def column(log: Log, name: str) -> np.ndarray:
     table = log.table
     if name not in table:
         return np.full(len(table), np.nan)
-    values = table[name].to_numpy(dtype=float)
+    values = np.asarray(table[name], dtype=float)
     return np.where(np.abs(values) < ABSURD, values, np.nan)
 
 
@@ -230,8 +231,8 @@ def from_block(log: Log, begin: Opening, past: Past | None = None) -> tuple[Meas
     n = len(log)
     assert begin.origin is not None  # see check_opening
     if past is not None:
-        log = replace(log, table=pd.concat([past.rows, log.table], ignore_index=True))
-    time = log.table["time_s"].to_numpy(dtype=float)
+        log = replace(log, table=stacked(past.rows, log.table))  # type: ignore[arg-type]
+    time = np.asarray(log.table["time_s"], dtype=float)
     shown = {} if past is None else dict(past.shown)
     needed = np.zeros(len(time), bool)
     needed[-1] = True
@@ -281,5 +282,5 @@ def from_block(log: Log, begin: Opening, past: Past | None = None) -> tuple[Meas
         calibration=log.vessel.calibration,
         first_heading=math.radians(begin.first.get("heading_deg", math.nan)) - float(gamma[0]),
     )
-    rows = log.table[needed].reset_index(drop=True)
+    rows = picked(log.table, needed)
     return measured, Past(rows, shown, place[-1], settled, float(np.floor(time[-1])), float(gamma[-1]))

@@ -8,13 +8,14 @@ does, so this is a filter of its own, and `delay` says how late.
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 
 from aspnn.checks import check_log
 from aspnn.estimation import compiled
 from aspnn.estimation.exact import heading_problem, motion_problem
 from aspnn.estimation.measurements import Measurements, check_opening, column, from_log, opening
 from aspnn.estimation.problem import OUTLIER, Problem, gate
-from aspnn.estimation.states import Held, table
+from aspnn.estimation.states import Held, estimates
 from aspnn.frames import to_body
 from aspnn.records import Log, States
 from aspnn.schema import InputError
@@ -50,7 +51,8 @@ def filter_over_ground(log: Log, delay: float = 0.0, deviation: float = DEVIATIO
     moving = engine.run(problem)
     held = Held.before(begin, float(m.time[0]))
     heading, path = (turning.mean, turning.covariance), (moving.mean, moving.covariance)
-    return States.of(log, table(log, m, heading, path, moving, turning, held)[0])
+    columns, _ = estimates(log, m, heading, path, moving, turning, held)
+    return States.of(log, pd.DataFrame(columns))
 
 
 def velocity(log: Log, m: Measurements) -> np.ndarray:

@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
 
 from aspnn.angles import wrap
 from aspnn.estimation.compiled import Run
@@ -52,7 +51,7 @@ class Held:
         return Held(shaft, last, dict.fromkeys(SILENT, time), (time, order) if stands_in else None, -math.inf)
 
 
-def table(
+def estimates(
     log: Log,
     m: Measurements,
     heading: tuple[np.ndarray, np.ndarray],
@@ -60,7 +59,7 @@ def table(
     moving: Run,
     turning: Run | None,
     held: Held,
-) -> tuple[pd.DataFrame, Held]:
+) -> tuple[dict[str, np.ndarray], Held]:
     """States by the columns of schema.STATES, one row per epoch of a block of a log, and what they leave for the next block.
 
     `heading` and `motion` are mean and covariance of CAA and CTRA (filtered or smoothed), `moving` and `turning` the runs
@@ -105,7 +104,7 @@ def table(
         "stale": m.stale,
         "coasting": m.time - used > COASTING,  # or no position has been used yet
     }
-    return pd.DataFrame(columns), replace(after, used=float(used[-1]))
+    return columns, replace(after, used=float(used[-1]))
 
 
 def in_force(log: Log, m: Measurements, held: Held) -> tuple[dict[str, np.ndarray], Held]:

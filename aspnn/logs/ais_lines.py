@@ -69,18 +69,72 @@ _PIECE = re.compile(r"([!$][^*\\\s]*)(?:\*([0-9A-Fa-f]{2}))?(.*)", re.DOTALL)
 _VDM = re.compile(r"![A-Z]{2}VD([MO]),([1-9]),([1-9]),(\d?),([^,]*),([0-W`-w]+),([0-5])", re.ASCII)
 
 
-class _Part(NamedTuple):
-    sentence: bytes
+class Part(NamedTuple):
+    """A sentence of AIS with a right checksum, when it was received [s, UNIX; NaN: not told], and the line it stood on."""
+
+    sentence: str
     received: float
     line: int
 
 
-def read_messages(file: Path, tally: Tally) -> Iterator[Heard]:
-    """The whole messages of a file in the order of their last parts; `tally` counts what else is there.
+class Assembler:
+    """Puts messages together from their parts, which may come in any order and among those of others; few wait at a time."""
 
-    Parts may come in any order and among those of other messages; they are told apart by their number, channel and count.
-    """
-    waiting: dict[tuple, dict[int, _Part]] = {}
+    def __init__(self, tally: Tally):
+        self.tally = tally
+        self.waiting: dict[tuple, dict[int, Part]] = {}
+
+    def take(self, part: Part) -> Heard | None:
+        """The whole message that `part` completes, if any; what is no sentence of AIS is only counted."""
+        tally = self.tally
+        match = _VDM.fullmatch(part.sentence.partition("*")[0])
+        if match is None:
+            if re.match(r"![A-Z]{2}VD[MO],", part.sentence):
+                tally.sentences += 1
+                tally.bad(part.line, Fault.malformed, f"{part.sentence[:40]!r} is no AIS sentence")
+            else:
+                tally.others += 1
+            return None
+        tally.sentences += 1
+        kind, total, number, sequence, channel, *_ = match.groups()
+        count, which, own = int(total), int(number), kind == "O"
+        if which > count:
+            tally.bad(part.line, Fault.malformed, f"part {which} of {count}")
+            return None
+        if count == 1:
+            return Heard((part.sentence.encode("latin-1"),), part.received, own, part.line)
+        key = (kind, count, sequence, channel)
+        parts = self.waiting.setdefault(key, {})
+        if parts and (which in parts or part.line - max(p.line for p in parts.values()) > APART):
+            self._give_up(parts)
+            parts = self.waiting[key] = {}
+        parts[which] = part
+        if len(parts) < count:
+            if len(self.waiting) > APART:  # more kinds of parts than lines that they may lie apart: the oldest is lost
+                self._give_up(
+                    self.waiting.pop(min(self.waiting, key=lambda k: max(p.line for p in self.waiting[k].values())))
+                )
+            return None
+        del self.waiting[key]
+        inside = [parts[i] for i in sorted(parts)]
+        received = next((p.received for p in inside if p.received == p.received), float("nan"))
+        return Heard(tuple(p.sentence.encode("latin-1") for p in inside), received, own, part.line)
+
+    def finish(self) -> None:
+        """Count the parts whose message never became whole."""
+        for parts in self.waiting.values():
+            self._give_up(parts)
+        self.waiting.clear()
+
+    def _give_up(self, parts: dict[int, Part]) -> None:
+        first = min(p.line for p in parts.values())
+        reason = f"part {min(parts)} of a message whose other parts are missing"
+        self.tally.bad(first, Fault.incomplete, reason, len(parts))
+
+
+def read_messages(file: Path, tally: Tally) -> Iterator[Heard]:
+    """The whole messages of a file in the order of their last parts; `tally` counts what else is there."""
+    assembler = Assembler(tally)
     told = float("nan")  # by $PGHP, for the sentence that follows
     with open(file, "rb") as stream:
         for line, raw in enumerate(stream, 1):
@@ -89,46 +143,12 @@ def read_messages(file: Path, tally: Tally) -> Iterator[Heard]:
             for sentence, received in _pieces(text, line, tally):
                 if sentence.startswith("$PGHP,"):
                     told = _gatehouse(sentence)
-                match = _VDM.fullmatch(sentence.partition("*")[0])
-                if match is None:
-                    if re.match(r"![A-Z]{2}VD[MO],", sentence):
-                        tally.sentences += 1
-                        tally.bad(line, Fault.malformed, f"{sentence[:40]!r} is no AIS sentence")
-                    else:
-                        tally.others += 1
-                    continue
-                tally.sentences += 1
-                received, told = (told if received != received else received), float("nan")
-                yield from _assembled(match, _Part(sentence.encode("latin-1"), received, line), waiting, tally)
-    for parts in waiting.values():
-        _give_up(parts, tally)
-
-
-def _assembled(match: re.Match, part: _Part, waiting: dict[tuple, dict[int, _Part]], tally: Tally) -> Iterator[Heard]:
-    kind, total, number, sequence, channel, *_ = match.groups()
-    count, which, own = int(total), int(number), kind == "O"
-    if which > count:
-        tally.bad(part.line, Fault.malformed, f"part {which} of {count}")
-        return
-    if count == 1:
-        yield Heard((part.sentence,), part.received, own, part.line)
-        return
-    key = (kind, count, sequence, channel)
-    parts = waiting.setdefault(key, {})
-    if parts and (which in parts or part.line - max(p.line for p in parts.values()) > APART):
-        _give_up(parts, tally)
-        parts = waiting[key] = {}
-    parts[which] = part
-    if len(parts) == count:
-        del waiting[key]
-        inside = [parts[i] for i in sorted(parts)]
-        received = next((p.received for p in inside if p.received == p.received), float("nan"))
-        yield Heard(tuple(p.sentence for p in inside), received, own, part.line)
-
-
-def _give_up(parts: dict[int, _Part], tally: Tally) -> None:
-    first = min(p.line for p in parts.values())
-    tally.bad(first, Fault.incomplete, f"part {min(parts)} of a message whose other parts are missing", len(parts))
+                if _VDM.fullmatch(sentence.partition("*")[0]):
+                    received, told = (told if received != received else received), float("nan")
+                heard = assembler.take(Part(sentence, received, line))
+                if heard is not None:
+                    yield heard
+    assembler.finish()
 
 
 def _pieces(text: str, line: int, tally: Tally) -> Iterator[tuple[str, float]]:

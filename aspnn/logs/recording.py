@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from aspnn.logs.readings import TIMED, Status
-from aspnn.logs.sentences import Bad, Fault, Sentence, checksum, decode
+from aspnn.logs.sentences import Bad, Fault, Sentence, checksum, decode, unix_of
 
 DAY = 86400.0
 TOGETHER = 5e-4  # s: times closer than this are one epoch
@@ -157,7 +157,8 @@ def clock(recording: Recording, start: float | None = None) -> tuple[np.ndarray,
     """
     sentences = recording.sentences
     stamps = _steady(np.array([np.nan if s.received is None else s.received for s in sentences]))
-    own = _steady(np.array([_dated(s) if good else np.nan for s, good in zip(sentences, recording.taken, strict=True)]))
+    dated = (unix_of(s.reading) if good else None for s, good in zip(sentences, recording.taken, strict=True))
+    own = _steady(np.array([np.nan if t is None else t for t in dated]))
     known = next((float(t[np.isfinite(t)][0]) for t in (own, stamps) if np.isfinite(t).any()), start)
     reference, fixed = known or 0.0, False
     for i, (sentence, good) in enumerate(zip(sentences, recording.taken, strict=True)):
@@ -177,14 +178,6 @@ def clock(recording: Recording, start: float | None = None) -> tuple[np.ndarray,
         received[:] = np.nan  # whole seconds would heap the sentences of a second upon each other
     untimed = np.where(np.isfinite(received), received, _by_order(sentences, own))
     return np.where(np.isfinite(own), own, untimed), known is not None, ahead
-
-
-def _dated(sentence: Sentence) -> float:
-    """Time [s, UNIX] of a sentence with time and day (RMC, ZDA); NaN for others."""
-    utc, day = sentence.reading.utc, sentence.reading.day
-    if utc is None or day is None:
-        return np.nan
-    return datetime(day.year, day.month, day.day, tzinfo=UTC).timestamp() + utc
 
 
 def _steady(time: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ limit spares listeners' buffers, while precise receivers write more decimals; th
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from enum import StrEnum
 from functools import reduce
 from operator import xor
@@ -28,10 +29,12 @@ class Fault(StrEnum):
 
 @dataclass(frozen=True)
 class Bad:
-    """A piece of a line that is not a good sentence."""
+    """A piece of a line that is not a good sentence. `text` is that of an encapsulated one (`!`, AIS) with a right checksum,
+    which others read."""
 
     fault: Fault
     reason: str
+    text: str = ""
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,14 @@ class Sentence:
     def kind(self) -> tuple[str, str, str]:
         """Who sends what, of which device: sentences of a kind follow each other in time."""
         return self.identity, self.formatter, self.reading.device
+
+
+def unix_of(reading: Reading) -> float | None:
+    """Time [s, UNIX] of a reading with time and day (RMC, ZDA); None for others."""
+    utc, day = reading.utc, reading.day
+    if utc is None or day is None:
+        return None
+    return datetime(day.year, day.month, day.day, tzinfo=UTC).timestamp() + utc
 
 
 def checksum(text: str) -> int:
@@ -86,7 +97,8 @@ def decode(text: str) -> Sentence | Bad:
         return Bad(Fault.checksum, f"has checksum {given}, its bytes give {checksum(body):02X}")
     address, *fields = body.split(",")
     if text[0] == "!" or re.fullmatch(r"P[A-Z0-9]{3,}", address):
-        return Bad(Fault.unknown_sentence, f"{address[:12]} is not read")  # encapsulated or proprietary
+        whole = text if text[0] == "!" else ""
+        return Bad(Fault.unknown_sentence, f"{address[:12]} is not read", whole)  # encapsulated or proprietary
     if not re.fullmatch(r"[A-Z][A-Z0-9][A-Z]{3}", address):
         return Bad(Fault.malformed, f"{address[:12]!r} is no address")
     talker, formatter = address[:2], address[2:]
