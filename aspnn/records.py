@@ -7,9 +7,10 @@ beside their place and moved there when whole, so a killed run leaves no half fi
 import contextlib
 import hashlib
 import json
+import math
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -120,6 +121,27 @@ def atomic(path: str | Path):
         with contextlib.suppress(FileNotFoundError):
             os.unlink(name)
         raise
+
+
+def finite(value: Any) -> Any:
+    """A value in JSON's own types: numbers that are finite, or None; tuples, arrays and their like as lists."""
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, Mapping):
+        return {str(key): finite(one) for key, one in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return finite(value.tolist())
+    if isinstance(value, Iterable):
+        return [finite(one) for one in value]
+    raise TypeError(f"{type(value).__name__} has no place in JSON")
+
+
+def write_json(value: Any, path: str | Path) -> None:
+    """Write `value` as JSON (see `finite`), whole or not at all."""
+    with atomic(path) as temporary:
+        temporary.write_text(json.dumps(finite(value), indent=1, allow_nan=False) + "\n")
 
 
 def sha256(path: str | Path) -> str:

@@ -1,5 +1,7 @@
 """Records: files give back what was written bit for bit, are whole or not there, and say in one line what is wrong."""
 
+import json
+import math
 import os
 import subprocess
 import sys
@@ -120,6 +122,14 @@ def test_written_file_has_the_usual_permissions(tmp_path):
     records.write_log(a_log(), tmp_path / "x.parquet")
     (tmp_path / "plain").touch()
     assert (tmp_path / "x.parquet").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_json_has_no_infinity(tmp_path):
+    """Oracle: the JSON standard: what is not finite is null; numpy's numbers and arrays are JSON's."""
+    value = {"a": math.inf, 2: (1.0, math.nan), "c": "inf", "d": np.array([1.5, -np.inf]), "e": np.int64(3), "f": True}
+    records.write_json(value, tmp_path / "value.json")
+    found = json.loads((tmp_path / "value.json").read_text(), parse_constant=pytest.fail)
+    assert found == {"a": None, "2": [1.0, None], "c": "inf", "d": [1.5, None], "e": 3, "f": True}
 
 
 def test_sha256_is_that_of_the_standard(tmp_path):

@@ -1,6 +1,5 @@
 """What `aspnn consistency` measures: innovations of a log, errors where there is truth, and Monte Carlo runs (Paper II)."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -200,13 +199,4 @@ def _entry(result: Consistency) -> dict[str, Any]:
 
 def write_metrics(results: Sequence[Consistency], path: str | Path) -> None:
     """Write the JSON file, whole or not at all."""
-
-    def plain(value):
-        if isinstance(value, dict):
-            return {key: plain(v) for key, v in value.items()}
-        if isinstance(value, list | tuple):
-            return [plain(v) for v in value]
-        return None if isinstance(value, float) and not np.isfinite(value) else value
-
-    with records.atomic(path) as temporary:
-        temporary.write_text(json.dumps(plain(metrics(results)), indent=1, allow_nan=False) + "\n")
+    records.write_json(metrics(results), path)

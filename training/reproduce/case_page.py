@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from paper_6_tables import Table
 
+from aspnn.cli import say
 from aspnn.evaluation.page import versions
-from aspnn.records import atomic
+from aspnn.records import atomic, write_json
 
 Section = tuple[str, str, str]  # heading, words, figure as SVG
 
@@ -30,3 +32,16 @@ def write_case(
     file.parent.mkdir(parents=True, exist_ok=True)
     with atomic(file) as temporary:
         temporary.write_text(page)
+
+
+def print_case(tables: Sequence[Table], words: str) -> None:
+    """The tables, then `words`."""
+    for table in tables:
+        say(False, "\n".join(table.lines()) + "\n")
+    say(False, words)
+
+
+def write_values(file: Path | None, tables: Sequence[Table], **more: Any) -> None:
+    """The tables' values by title, and `more`, as JSON into `file`, if there is one: whole or not at all."""
+    if file is not None:
+        write_json({table.title: table.values for table in tables} | more, file)

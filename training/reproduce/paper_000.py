@@ -9,7 +9,6 @@ Each voyage is one of an errors' seed; `--step` [s] is that of simulation, fixes
 """
 
 import argparse
-import json
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,12 +16,12 @@ from typing import Any
 
 import numpy as np
 import paper_000_case as case
+from case_page import print_case, write_values
 from paper_000_case import Batch, Sailed, measures, sail
 from paper_6_tables import Table
 
 from aspnn.cli import guarded, say, watch
 from aspnn.guidance.autopilot import pole_placement
-from aspnn.records import atomic
 from aspnn.schema import InputError
 from aspnn.simulation.nomoto import nomoto, turning_radius
 from aspnn.simulation.ship import Ship
@@ -289,17 +288,11 @@ def main() -> None:
 
     found, kept = sailed(given.seeds, given.step, shown)
     made = tables(found)
-    for one in made:
-        say(False, "\n".join(one.lines()) + "\n")
     sharp = case.ROUTE.sharp(case.CIRCLE, turning_radius(Ship.of(load_vessel("mariner"))))
-    say(False, f"{sharp}\n{REASONS}")
+    print_case(made, f"{sharp}\n{REASONS}")
     write(given.out, made, kept, LOW_PASSES, REASONS)
     say(False, f"{given.out}/ written")
-    if given.json:
-        result: dict[str, Any] = {one.title: one.values for one in made}
-        result |= {"seeds": given.seeds, "step_s": given.step, "sharp": sharp}
-        with atomic(given.json) as temporary:
-            temporary.write_text(json.dumps(result, indent=1) + "\n")
+    write_values(given.json, made, seeds=given.seeds, step_s=given.step, sharp=sharp)
 
 
 if __name__ == "__main__":

@@ -10,13 +10,13 @@ pictures without numbers: no table of its own stands beside.
 """
 
 import argparse
-import json
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from case_page import print_case, write_values
 from paper_6_tables import Table
 
 from aspnn.angles import difference
@@ -29,7 +29,6 @@ from aspnn.guidance.pilot import Estimate, Navigation, TrackedNavigation, TrueNa
 from aspnn.guidance.reference_model import ReferenceModel
 from aspnn.guidance.steered import CourseHelm, CourseLoop, Fixes
 from aspnn.orders import Orders
-from aspnn.records import atomic
 from aspnn.simulation.ship import Ship
 from aspnn.simulation.voyage import Voyage, simulate
 from aspnn.vessel import load_vessel
@@ -282,22 +281,17 @@ def main() -> None:
         note = "The same true track, sailed by true positions: what the filters alone make of it."
         tables.append(table(f"Listening only, fixes {words}", note, {n: alone(way, true) for n, way in found.items()}))
     pair, still = Ship.of(load_vessel("otter")).model, runs["0"]["as printed, north-east, Q 5e5, R 1e-8 m2"]
-    for one in tables:
-        say(False, "\n".join(one.lines()) + "\n")
     ends = [f"{name} {x.min():.1f} to {x.max():.1f}" for name, x in (("n1", still.port), ("n2", still.starboard))]
-    say(
-        False,
-        f"propellers in the paper's step: {', '.join(ends)} rad/s; most moment at 100 N: {most_moment(pair, FORCE):.1f} N m",
+    most = most_moment(pair, FORCE)
+    print_case(
+        tables,
+        f"propellers in the paper's step: {', '.join(ends)} rad/s; most moment at 100 N: {most:.1f} N m\n{REASONS}",
     )
-    say(False, REASONS)
     from paper_001_figures import write
 
     for file in write(given.out, {"true positions": true} | runs["0"], runs, tables, REASONS):
         say(False, f"{file} written")
-    if given.json:
-        values: dict[str, Any] = {one.title: one.values for one in tables}
-        with atomic(given.json) as temporary:
-            temporary.write_text(json.dumps(values, indent=1, allow_nan=False) + "\n")
+    write_values(given.json, tables)
 
 
 if __name__ == "__main__":

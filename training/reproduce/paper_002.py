@@ -10,13 +10,13 @@ figures 2 to 6 in our form as PNG and a page. `--quick`: the first table alone, 
 """
 
 import argparse
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from case_page import print_case, write_values
 from paper_6_tables import Table
 
 from aspnn.angles import difference
@@ -29,7 +29,6 @@ from aspnn.guidance.curves import ArcPath, CurveFollower, SplinePath
 from aspnn.guidance.helms import EAST, HEADING, NORTH, YAW_RATE
 from aspnn.guidance.los import LineOfSight
 from aspnn.guidance.route import PathError, Route
-from aspnn.records import atomic
 from aspnn.simulation.sea import Sea
 from aspnn.simulation.ship import Ship
 from aspnn.simulation.voyage import Voyage, simulate
@@ -366,18 +365,14 @@ def main() -> None:
             compass_table({name: found[2] for name, found in runs.items()}),
             bent_table(curved),
         ]
-    for table in tables:
-        say(False, "\n".join(table.lines()) + "\n")
-    say(False, REASONS)
+    print_case(tables, REASONS)
     if not given.quick:
         from paper_002_figures import write
 
         offset = float(steady_offset(LOOKAHEAD, crab(np.degrees(LINES[0]))))
         for file in write(given.out, tables, (still, noisy, curved), true_line, LENGTH, offset, REASONS):
             say(False, f"{file} written")
-    if given.json:
-        with atomic(given.json) as temporary:
-            temporary.write_text(json.dumps({table.title: table.values for table in tables}, indent=1) + "\n")
+    write_values(given.json, tables)
 
 
 if __name__ == "__main__":

@@ -9,11 +9,11 @@ much noise allows it, what makes the mass visible, and the cost of a step; write
 """
 
 import argparse
-import json
 import time
 from pathlib import Path
 
 import numpy as np
+from case_page import print_case, write_values
 from paper_003_runs import (
     CONVERGED,
     FILTERS,
@@ -37,7 +37,6 @@ from paper_6_tables import Table
 from aspnn.cli import guarded, say
 from aspnn.estimation.craft import PAPER, advance, rates
 from aspnn.guidance.tracking import turning_reference
-from aspnn.records import atomic
 from aspnn.schema import InputError
 
 ADAPTIVE, BANK, BEST = "adaptive UKF, from q 0.01", "bank of six UKF", "plain UKF, q 10 (best by the truth)"
@@ -224,17 +223,13 @@ def main() -> None:
     if not given.quick:
         fewer = min(given.seeds, SWEEP_SEEDS)
         tables += [noise_table(fewer), visibility_table(fewer), cost_table()]
-    for table in tables:
-        say(False, "\n".join(table.lines()) + "\n")
-    say(False, REASONS)
+    print_case(tables, REASONS)
     if not given.quick:
         from paper_003_figures import write
 
         for file in write(given.out, tables, runs, REASONS):
             say(False, f"{file} written")
-    if given.json:
-        with atomic(given.json) as temporary:
-            temporary.write_text(json.dumps({table.title: table.values for table in tables}, indent=1) + "\n")
+    write_values(given.json, tables)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ kinds of ours, all on the same measurements of cargo90:
 """
 
 import argparse
-import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -42,7 +41,7 @@ from aspnn.estimation.kernels import ACCELERATION, CMM8, measure, measure_jacobi
 from aspnn.estimation.measurements import Measurements
 from aspnn.estimation.models import THESIS_SCHEME, Cmm, Ctra, Sigma
 from aspnn.guidance.helms import turning_circle, williamson_turn, zigzag
-from aspnn.records import atomic
+from aspnn.records import atomic, write_json
 from aspnn.schema import InputError
 from aspnn.simulation.voyage import Voyage
 
@@ -296,8 +295,7 @@ def main() -> None:
     figure(both, given.out / "paper_1.png")
     say(False, f"{given.out / 'paper_1.png'} written")
     if given.json:
-        with atomic(given.json) as temporary:
-            temporary.write_text(json.dumps(both.to_dict("records"), indent=1) + "\n")
+        write_json(both.to_dict("records"), given.json)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ network with the exact pivot point; the two kinematic methods; the flagship. Err
 """
 
 import argparse
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -22,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from paper_5_tables import curve_lines, horizon_lines, parting, plain, settings, settled_lines, text_lines, window_lines
+from paper_5_tables import curve_lines, horizon_lines, parting, settings, settled_lines, text_lines, window_lines
 
 from aspnn.cli import guarded, say, watch
 from aspnn.estimation import filter_log
@@ -35,7 +34,7 @@ from aspnn.motion.path import paper_v_path
 from aspnn.orders import Orders
 from aspnn.prediction.gru import GruPredictor
 from aspnn.prediction.kinematic import KinematicPredictor, caa_cmm, caa_ctra
-from aspnn.records import atomic
+from aspnn.records import write_json
 from aspnn.schema import InputError
 from aspnn.simulation import Scenario, read_scenario, simulate_scenario
 from aspnn.simulation.plan import Prescribed
@@ -263,8 +262,7 @@ def report(given: argparse.Namespace, thesis: list[Path]) -> None:
         found["starts"] = exercise.windows.assign(start=names).to_dict("records")
         found["metrics"] = {name: metrics(evaluation) for name, evaluation in values.items()}
         found["perfect_velocities_m"] = {name: float(np.median(e.position)) for name, e in paths.items()}
-        with atomic(given.json) as temporary:
-            temporary.write_text(json.dumps(plain(found), indent=1, allow_nan=False) + "\n")
+        write_json(found, given.json)
 
 
 def main() -> None:

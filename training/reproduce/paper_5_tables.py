@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -78,15 +77,6 @@ def curve_lines(curves: dict[str, pd.DataFrame]) -> Iterator[str]:
     for name, curve in curves.items():
         last, least = curve.iloc[-1], curve["validation_loss"].to_numpy().argmin() + 1
         yield f"| {name} | {parting(curve):.0f} | {least} of {len(curve)} | {last.train_loss:.2g} | {last.validation_loss:.2g} |"
-
-
-def plain(value: Any) -> Any:
-    """A value as JSON has it: what is not finite (an open end of an interval, no onset) becomes null."""
-    if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def settled_lines(evaluation: Evaluation) -> Iterator[str]:
