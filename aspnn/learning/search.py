@@ -118,9 +118,19 @@ def search(
                 tell(_line(work.trial(study, 0)))
         else:
             _share(work, left, processes)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, OSError) as stopped:
+        if not _interrupted(stopped):
+            raise
         raise KeyboardInterrupt(f"{len(_ended(study))} of {trials} trials; the same command goes on") from None
     return _report(study, training, folder)
+
+
+def _interrupted(error: BaseException | None) -> bool:
+    """Whether an error is an interrupt or came of one: in the moment in which the journal's lock changes hands, an interrupt lets
+    it be given back twice, which fails for want of its file."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None
 
 
 def _optuna() -> Any:

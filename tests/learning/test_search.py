@@ -187,6 +187,24 @@ def test_interrupt_is_one_line(place, tmp_path):
     assert errors.count("\n") == 1
 
 
+def test_an_interrupt_while_the_lock_changes_hands_is_an_interrupt(place, tmp_path, monkeypatch):
+    """Oracle: the command's promise again. Optuna's lock then raises OSError in the handling of the interrupt; without an interrupt
+    an OSError stays what it is."""
+
+    def half_taken(*_):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            raise FileNotFoundError("journal.log.lock") from None
+
+    monkeypatch.setattr(module._Work, "trial", half_taken)
+    with pytest.raises(KeyboardInterrupt, match="0 of 2 trials; the same command goes on"):
+        workflow.search_file(place / "small.toml", 2, out=tmp_path)
+    monkeypatch.setattr(module._Work, "trial", lambda *_: (tmp_path / "nowhere").read_text())
+    with pytest.raises(FileNotFoundError):
+        workflow.search_file(place / "small.toml", 2, out=tmp_path)
+
+
 def test_default_spaces_are_fit_for_their_networks(place):
     """Every default space passes the check that a file's own section passes, and is taken when the file has none."""
     training = read_training(place / "small.toml")
