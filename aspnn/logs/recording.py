@@ -71,6 +71,12 @@ def read_line(line: bytes) -> list[Sentence | Bad]:
     return found
 
 
+def stamp(line: bytes) -> float | None:
+    """The time [s, UNIX] that a logger or a TAG block tells before the first sentence of a line; None where there is none."""
+    before = _head(re.split(r"[$!]", line.decode("latin-1"), maxsplit=1)[0])
+    return before[1] if isinstance(before, tuple) else None
+
+
 def _head(text: str) -> tuple[str, float | None] | Bad | None:
     """Source and time from what stands before a sentence; Bad for a wrong TAG block, None where it cannot be read.
 

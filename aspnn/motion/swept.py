@@ -52,8 +52,9 @@ class Approach(NamedTuple):
     time: float
 
 
-def sweep(path: Path, outline: np.ndarray, tolerance: float = TOLERANCE) -> Sweep:
-    """Poses along one path (steps,) of a hull with the body `outline` (n, 2), fine enough for `tolerance` [m].
+def sweep(path: Path, outline: np.ndarray, tolerance: float = TOLERANCE, most: float = TURN) -> Sweep:
+    """Poses along one path (steps,) of a hull with the body `outline` (n, 2), fine enough for `tolerance` [m], no more than `most` [rad]
+    of turn apart.
 
     A step with turn w and displacement d has the twist q = d exp(-i (psi + w / 2)) / sinc(w / 2), the body velocity times
     dt (E40 turned round). At the part s of the step midship has moved by s q exp(i s w / 2) sinc(s w / 2) in the axes of the
@@ -68,7 +69,7 @@ def sweep(path: Path, outline: np.ndarray, tolerance: float = TOLERANCE) -> Swee
     twist = np.diff(place) * np.exp(-1j * (path.heading[:-1] + turn / 2)) / np.sinc(turn / (2 * np.pi))
     rate = np.abs(twist[:, None] + 1j * turn[:, None] * points).max(axis=1)
     # 7.9 for 8: two tangents of a circle meet a little further out (1 / cos(w / 2) - 1) than w^2 / 8.
-    parts = np.maximum(np.sqrt(np.abs(turn) * rate / (7.9 * tolerance)), np.abs(turn) / TURN)
+    parts = np.maximum(np.sqrt(np.abs(turn) * rate / (7.9 * tolerance)), np.abs(turn) / most)
     count = np.maximum(np.ceil(parts), 1).astype(int)
     last = len(turn) - 1
     step = np.append(np.repeat(np.arange(last + 1), count), last)

@@ -141,7 +141,7 @@ def describe(scenario: Scenario, seed: int, vessel: Vessel) -> dict[str, Any]:
     makers = {
         "version": __version__,
         "code_sha256": _code_sha256(),
-        "scenario": scenario.model_dump(mode="json", exclude={"voyages"}),
+        "scenario": scenario.model_dump(mode="json", exclude={"voyages", "bridge"}),
         "seed": seed,
         "vessel": {"name": vessel.name, "parameters": parameters, "sha256": _sha256(parameters)},
     }

@@ -52,6 +52,33 @@ Manoeuvre = Annotated[
 ]
 
 
+class OtherShip(BaseModel):
+    """A ship about a simulated bridge: at a steady speed on a line or, with a rate of turn, on a circle; with a leg to and fro, as
+    double-ended ferries go. She tells of herself by AIS.
+    """
+
+    model_config = STRICT
+    name: str = Field(min_length=1, max_length=20)
+    mmsi: int = Field(ge=200_000_000, le=799_999_999)
+    latitude_deg: float = Field(ge=-80, le=84)
+    longitude_deg: float = Field(ge=-180, le=180)
+    heading_deg: float = Field(ge=0, le=360)  # true
+    speed_kn: float = Field(0.0, ge=0, le=60)
+    turn_deg_min: float = Field(0.0, ge=-720, le=720)
+    leg_m: float | None = Field(None, gt=0)
+    length_m: float = Field(60.0, ge=3, le=500)
+
+
+class OnBridge(BaseModel):
+    """What `aspnn bridge` takes with a scenario. Paths count from its file; without `ships` there are four made-up ones."""
+
+    model_config = STRICT
+    chart: str | None = None  # GeoJSON
+    checkpoint: str | None = None
+    predict_hz: float = Field(default=4.0, ge=1, le=10)
+    ships: list[OtherShip] | None = Field(default=None, max_length=200)
+
+
 class Scenario(BaseModel):
     """A scenario file; `name` is the file's, unless it says otherwise."""
 
@@ -67,6 +94,7 @@ class Scenario(BaseModel):
     engine: Engine | None = None  # without one the shaft stays in balance with the speed of the start
     environment: Environment = Environment()
     sensors: Sensors = Sensors()
+    bridge: OnBridge = OnBridge()  # for the simulated bridge alone
 
 
 def read_scenario(path: str | Path) -> Scenario:
