@@ -13,7 +13,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from aspnn.motion import Path
-from aspnn.motion.swept import sweep, swept_region
+from aspnn.motion.swept import region_at, sweep, swept_region
 
 EXACT, COARSE = 0.25, 1.0  # m: how far the boundaries of what is swept, and of its region, lie off at most
 REGION_STEP = 6.0  # s between the poses that a swept region is made of: it is smooth, and dear
@@ -55,14 +55,7 @@ def region_distance(path: Path, outline: np.ndarray, level: float, place: tuple[
     """
     path = _sparse(path)
     swept, region = sweep(path, outline, COARSE), path.region(level)
-    step, part = swept.step, swept.part
-    along = np.stack([np.cos(region.azimuth), np.sin(region.azimuth)], axis=-1)
-    across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
-    axes = sum(
-        a[:, None, None] * d[:, :, None] * d[:, None] for a, d in ((region.major, along), (region.minor, across))
-    )
-    axes = axes[step] * (1 - part)[:, None, None] + axes[step + 1] * part[:, None, None]
-    off = np.minimum(region.heading[step] * (1 - part) + region.heading[step + 1] * part, np.pi)
+    axes, off = region_at(swept, region)
     corners = swept.points[:-1]
     there = (place[0] - swept.origin[0]) + 1j * (place[1] - swept.origin[1])
 

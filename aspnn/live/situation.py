@@ -5,7 +5,7 @@ Depends on frames, motion and live.forecast.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +18,7 @@ from aspnn.frames import Zone, to_geodetic
 from aspnn.live.forecast import LEVEL, Clearance, Forecast, Scores, has_region
 from aspnn.motion import Path
 from aspnn.motion.pivot import pivot_point
-from aspnn.records import States
+from aspnn.records import States, finite
 from aspnn.vessel import Vessel
 
 VERSION = 1
@@ -87,21 +87,6 @@ def situation(p: Picture) -> dict[str, Any]:
         "chart": p.chart,
     }
     return message
-
-
-def finite(value: Any) -> Any:
-    """The value in JSON's own types: numbers finite or None, tuples and arrays as lists."""
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    if value is None or isinstance(value, str | bool | int):
-        return value
-    if isinstance(value, Mapping):
-        return {str(key): finite(one) for key, one in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return finite(value.tolist())
-    if isinstance(value, Iterable):
-        return [finite(one) for one in value]
-    raise TypeError(f"{type(value).__name__} has no place in a message")
 
 
 def plain(values: Any, digits: int) -> list[float | None]:

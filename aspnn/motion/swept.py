@@ -13,6 +13,7 @@ from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from aspnn.motion.path import Path
+from aspnn.motion.spread import Region
 from aspnn.schema import InputError
 
 TOLERANCE = 0.01  # m: how far the boundary of a swept area may lie from the true one
@@ -125,6 +126,20 @@ def swept_area(path: Path, outline: np.ndarray, tolerance: float = TOLERANCE) ->
     return _placed(_without_slits(shapely.union_all(pieces), tolerance), swept.origin)
 
 
+def region_at(swept: Sweep, region: Region) -> tuple[np.ndarray, np.ndarray]:
+    """The half axes of a path's `region` as symmetric matrices (poses, 2, 2) [m] and its interval of heading (poses,) [rad] at the
+    poses of its sweep, linear between the path's steps."""
+    step, part = swept.step, swept.part
+    along = np.stack([np.cos(region.azimuth), np.sin(region.azimuth)], axis=-1)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+    axes = sum(
+        a[:, None, None] * d[:, :, None] * d[:, None] for a, d in ((region.major, along), (region.minor, across))
+    )
+    axes = axes[step] * (1 - part)[:, None, None] + axes[step + 1] * part[:, None, None]
+    off = np.minimum(region.heading[step] * (1 - part) + region.heading[step + 1] * part, np.pi)
+    return axes, off
+
+
 def swept_region(
     path: Path, outline: np.ndarray, level: float = 0.95, tolerance: float = TOLERANCE
 ) -> Polygon | MultiPolygon:
@@ -142,14 +157,7 @@ def swept_region(
         raise InputError(
             f"this path has no region at {path.time[~known][0]:g} s; shorten the horizon to what is calibrated"
         )
-    step, part = swept.step, swept.part
-    along = np.stack([np.cos(region.azimuth), np.sin(region.azimuth)], axis=-1)
-    across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
-    axes = sum(
-        a[:, None, None] * d[:, :, None] * d[:, None] for a, d in ((region.major, along), (region.minor, across))
-    )
-    axes = axes[step] * (1 - part)[:, None, None] + axes[step + 1] * part[:, None, None]
-    off = np.minimum(region.heading[step] * (1 - part) + region.heading[step + 1] * part, np.pi)
+    axes, off = region_at(swept, region)
     # Around the ellipse and around the arc of each corner run tangents, so that polygons bound them from outside.
     around = 2 * np.pi * np.arange(SIDES) / SIDES
     ellipse = np.stack([np.cos(around), np.sin(around)], axis=-1) / np.cos(np.pi / SIDES) @ axes
@@ -159,8 +167,8 @@ def swept_region(
         np.concatenate([inside, np.exp(1j * off[:, None] * [-1, 1])], axis=-1) * np.exp(1j * swept.heading)[:, None]
     )
     corners = swept.place[:, None, None] + turned[:, :, None] * swept.points[:-1]
-    corners = np.stack([corners.real, corners.imag], axis=-1).reshape(len(step), -1, 1, 2)
-    clouds = (corners + ellipse[:, None]).reshape(len(step), -1, 2)
+    corners = np.stack([corners.real, corners.imag], axis=-1).reshape(len(off), -1, 1, 2)
+    clouds = (corners + ellipse[:, None]).reshape(len(off), -1, 2)
     shapes = shapely.convex_hull(shapely.linestrings(clouds))  # ten times faster to make than multipoints
     pieces = shapely.convex_hull(shapely.geometrycollections(np.stack([shapes[:-1], shapes[1:]], axis=-1)))
     return _placed(_without_slits(shapely.union_all(pieces), tolerance), swept.origin)

@@ -11,7 +11,8 @@ import pytest
 import aspnn.live
 from aspnn.frames import to_geodetic, to_grid
 from aspnn.live.forecast import Forecaster
-from aspnn.live.situation import Picture, finite, geojson, situation
+from aspnn.live.situation import Picture, geojson, situation
+from aspnn.records import finite
 from tests.live.stand_in import ZONE, Straight, turning
 
 PAGE = Path(aspnn.live.__file__).parent / "page" / "SITUATION.md"
