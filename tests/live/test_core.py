@@ -127,9 +127,13 @@ def test_what_is_dear_is_reckoned_once_a_second_and_says_when(steady):
     # The very first look made both.
     assert {m["targets_time"] for m in found} & {m["forecast"]["region_start"] for m in found} <= {BEGAN + 10.0}
     last, ages = found[-1], {t["id"]: t["age"] for t in found[-1]["targets"]}
+    checked = 0
     for target in core.targets.present(last["time"]):
         heard = last["targets_time"] - target.time
-        assert ages[target.id] == pytest.approx(heard, abs=0.06) or target.time > last["targets_time"] - 0.1
+        if heard > 1.0:  # a report tells its whole second: one of the last may have come after that look
+            assert ages[target.id] == pytest.approx(heard, abs=0.06)
+            checked += 1
+    assert checked
     core.limit(1000.0, 60.0)
     sail(core, 14, 14.1, 0.1, steady)
     assert core.look(BEGAN + 14.1)["targets_time"] == core.look(BEGAN + 14.1)["forecast"]["start"]
